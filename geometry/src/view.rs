@@ -1,0 +1,52 @@
+//! Where to look from, and at.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+/// A camera position that looks at a target (method, 'Setting').
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct View {
+    /// The point looked at.
+    pub target: Point3<f64>,
+    /// The camera's optical centre.
+    pub position: Point3<f64>,
+}
+
+impl View {
+    /// Whether the view has finite coordinates and a direction.
+    pub fn is_valid(&self) -> bool {
+        let d = self.position - self.target;
+        d.iter().all(|x| x.is_finite()) && d.norm() > 0.0
+    }
+
+    /// Unit vector from the target to the camera; zero for a degenerate view.
+    pub fn direction(&self) -> Vector3<f64> {
+        (self.position - self.target).try_normalize(0.0).unwrap_or_else(Vector3::zeros)
+    }
+
+    /// The camera pose with the published up vector: with b = unit(camera - target), up = b x unit(z x b),
+    /// and (0, sign(b_z), 0) where b is +-z (baselines, section 3).
+    pub fn world_from_camera(&self) -> Isometry3<f64> {
+        self.world_from_camera_with_up(&self.published_up())
+    }
+
+    /// The camera pose whose image-up is closest to `up`; falls back to the published up where `up` is
+    /// parallel to the viewing direction.
+    pub fn world_from_camera_with_up(&self, up: &Vector3<f64>) -> Isometry3<f64> {
+        let forward = -self.direction();
+        let right = forward
+            .cross(up)
+            .try_normalize(1e-9)
+            .unwrap_or_else(|| forward.cross(&self.published_up()).try_normalize(0.0).unwrap_or_else(Vector3::x));
+        let down = forward.cross(&right);
+        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[right, down, forward]));
+        Isometry3::from_parts(Translation3::from(self.position.coords), UnitQuaternion::from_rotation_matrix(&rotation))
+    }
+
+    fn published_up(&self) -> Vector3<f64> {
+        let b = self.direction();
+        match Vector3::z().cross(&b).try_normalize(1e-12) {
+            Some(side) => b.cross(&side),
+            None => Vector3::new(0.0, b.z.signum(), 0.0),
+        }
+    }
+}
