@@ -1,0 +1,213 @@
+//! Settings in layers: defaults in code, then a TOML file, then `--set key=value`, then flags. An unknown key
+//! or a wrong type is an error that names the layer it came from.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Why the settings of a run cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The configuration file cannot be read.
+    #[error("cannot read configuration {path:?}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A layer holds an unknown key, a wrong type or no TOML.
+    #[error("{origin}: {message}")]
+    Layer {
+        /// Where the setting came from: a file, `--set "a.b=1"`, or a flag.
+        origin: String,
+        /// What is wrong, with the key and what was expected.
+        message: String,
+    },
+    /// The settings cannot be written as TOML.
+    #[error("settings cannot be written as TOML: {0}")]
+    Serialize(#[from] toml::ser::Error),
+}
+
+/// A command-line flag that stands for a setting.
+#[derive(Clone, Debug)]
+pub struct Flag {
+    /// As the user writes it, e.g. `--scans`.
+    pub name: &'static str,
+    /// The setting's dotted key, e.g. `episode.scans`.
+    pub key: &'static str,
+    /// Its value.
+    pub value: Value,
+}
+
+impl Flag {
+    /// The flag as a layer if it was given, e.g. `Flag::given("--scans", "episode.scans", args.scans)`.
+    pub fn given(name: &'static str, key: &'static str, value: Option<impl Into<Value>>) -> Option<Flag> {
+        value.map(|v| Flag { name, key, value: v.into() })
+    }
+}
+
+/// The settings of a run. `T` uses `#[serde(default, deny_unknown_fields)]` and nested tables (no `flatten`);
+/// `set` holds the values of `--set` as typed (`key=value`; the value is read as TOML, and as a string where
+/// it is no TOML, so that `--set dataset.name=folder` needs no quotes).
+///
+/// # Errors
+/// An unreadable file; an unknown key or a wrong type, named with the layer it came from.
+pub fn load<T>(file: Option<&Path>, set: &[String], flags: &[Flag]) -> Result<T, ConfigError>
+where
+    T: Serialize + DeserializeOwned + Default,
+{
+    let mut table = Table::try_from(T::default())?;
+    if let Some(path) = file {
+        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Io { path: path.to_owned(), source })?;
+        let blame = |e: toml::de::Error| layer_error(format!("{path:?}"), &e);
+        // Once as T for a message with line and column, once as a table to merge.
+        toml::from_str::<T>(&text).map_err(blame)?;
+        merge(&mut table, text.parse::<Table>().map_err(blame)?);
+    }
+    for text in set {
+        let origin = format!("--set {text:?}");
+        let layer = parse_set(text).map_err(|message| ConfigError::Layer { origin: origin.clone(), message })?;
+        apply::<T>(&mut table, layer, origin)?;
+    }
+    for flag in flags {
+        let leaf = flag.value.clone();
+        let layer =
+            flag.key.rsplit('.').fold(leaf, |inner, key| Value::Table(Table::from_iter([(key.to_owned(), inner)])));
+        let Value::Table(layer) = layer else { continue };
+        apply::<T>(&mut table, layer, format!("{} {}", flag.name, flag.value))?;
+    }
+    Value::Table(table).try_into().map_err(|e| layer_error("settings".to_owned(), &e))
+}
+
+/// The settings as the text of a TOML file.
+///
+/// # Errors
+/// A type that TOML cannot say.
+pub fn to_toml<T: Serialize>(config: &T) -> Result<String, ConfigError> {
+    // By way of a table, so that plain values come before nested tables whatever the order of the fields.
+    Ok(toml::to_string_pretty(&Table::try_from(config)?)?)
+}
+
+/// First 16 hexadecimal digits of the SHA-256 of the settings' TOML text.
+///
+/// # Errors
+/// A type that TOML cannot say.
+pub fn hash<T: Serialize>(config: &T) -> Result<String, ConfigError> {
+    Ok(crate::run::hex(&Sha256::digest(to_toml(config)?.as_bytes())[..8]))
+}
+
+fn layer_error(origin: String, error: &toml::de::Error) -> ConfigError {
+    ConfigError::Layer { origin, message: error.to_string().trim_end().replace('\n', "\n  ") }
+}
+
+/// Merges one layer and checks at once, so that the error names the layer.
+fn apply<T: DeserializeOwned>(table: &mut Table, layer: Table, origin: String) -> Result<(), ConfigError> {
+    merge(table, layer);
+    Value::Table(table.clone()).try_into::<T>().map(drop).map_err(|e| layer_error(origin, &e))
+}
+
+/// Values of `layer` replace those of `table`; tables are merged key by key, arrays replaced whole.
+fn merge(table: &mut Table, layer: Table) {
+    for (key, value) in layer {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(old)), Value::Table(new)) => merge(old, new),
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+fn parse_set(text: &str) -> Result<Table, String> {
+    let Some((key, value)) = text.split_once('=') else {
+        return Err("expected key=value, e.g. camera.width=640".to_owned());
+    };
+    let (key, value) = (key.trim(), value.trim());
+    let is_key =
+        |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-');
+    if !key.split('.').all(is_key) {
+        return Err(format!("{key:?} is no key; expected names joined by dots, e.g. camera.width"));
+    }
+    format!("{key} = {value}")
+        .parse()
+        .or_else(|_| format!("{key} = {}", Value::from(value)).parse())
+        .map_err(|e: toml::de::Error| e.message().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    struct Camera {
+        width: u32,
+        fov_y_deg: f64,
+    }
+    impl Default for Camera {
+        fn default() -> Self {
+            Self { width: 1280, fov_y_deg: 70.0 }
+        }
+    }
+    #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    struct Config {
+        seed: u64,
+        camera: Camera,
+        name: String,
+        list: Option<PathBuf>,
+    }
+
+    fn message(result: Result<Config, ConfigError>) -> String {
+        result.expect_err("this must be refused").to_string()
+    }
+
+    #[test]
+    fn later_layers_win() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("a.toml");
+        std::fs::write(&file, "seed = 3\nname = \"file\"\n[camera]\nwidth = 10\nfov_y_deg = 50.0\n").unwrap();
+        let set = ["camera.width=20".to_owned(), "name=plain-word".to_owned(), "list=/a/b".to_owned()];
+        let flags: Vec<Flag> =
+            [Flag::given("--seed", "seed", Some(9)), Flag::given("--width", "camera.width", None::<i64>)]
+                .into_iter()
+                .flatten()
+                .collect();
+        let config: Config = load(Some(&file), &set, &flags).unwrap();
+        let camera = Camera { width: 20, fov_y_deg: 50.0 };
+        assert_eq!(config, Config { seed: 9, camera, name: "plain-word".into(), list: Some("/a/b".into()) });
+        let again: Config = toml::from_str(&to_toml(&config).unwrap()).unwrap();
+        assert_eq!(again, config, "the stored configuration must say the same");
+    }
+
+    #[test]
+    fn unknown_keys_and_wrong_types_name_their_origin() {
+        let text = message(load(None, &["camera.widht=640".to_owned()], &[]));
+        assert!(text.contains("--set \"camera.widht=640\"") && text.contains("unknown field `widht`"), "{text}");
+        assert!(text.contains("`width` or `fov_y_deg`") && text.contains("camera"), "{text}");
+        let text = message(load(None, &["seed=abc".to_owned()], &[]));
+        assert!(text.contains("seed=abc") && text.contains("invalid type"), "{text}");
+        let text = message(load(None, &["nonsense".to_owned()], &[]));
+        assert!(text.contains("expected key=value"), "{text}");
+        let text = message(load(None, &[], &[Flag::given("--width", "camera.width", Some(-1)).unwrap()]));
+        assert!(text.contains("--width -1"), "{text}");
+
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("bad.toml");
+        std::fs::write(&file, "seed = 3\n[camera]\nwide = 10\n").unwrap();
+        let text = message(load(Some(&file), &[], &[]));
+        assert!(text.contains("bad.toml") && text.contains("line 3") && text.contains("wide"), "{text}");
+    }
+
+    #[test]
+    fn the_hash_follows_the_settings() {
+        let (a, b) = (Config::default(), Config { seed: 1, ..Config::default() });
+        assert_eq!(hash(&a).unwrap(), hash(&a).unwrap());
+        assert_ne!(hash(&a).unwrap(), hash(&b).unwrap());
+        assert_eq!(hash(&a).unwrap().len(), 16);
+    }
+}

@@ -1,0 +1,118 @@
+//! Triangle meshes from OFF, OBJ, PLY and STL files.
+
+mod obj;
+mod off;
+mod stl;
+
+use crate::FormatError;
+use geometry::Mesh;
+use nalgebra::Point3;
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+
+/// Endings of the files that [`read_mesh`] reads, lower case.
+pub const EXTENSIONS: [&str; 4] = ["off", "obj", "ply", "stl"];
+
+/// Reads a mesh; the ending of the name (in any case) says the format. Polygons become fans. Triangles with a
+/// vertex that is not finite, without area, or given twice with the same orientation are left out.
+///
+/// # Errors
+/// A file that cannot be read, is not of its format, or holds no triangle of use.
+pub fn read_mesh(path: &Path) -> Result<Mesh, FormatError> {
+    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
+    parse_mesh(path, &bytes)
+}
+
+/// [`read_mesh`] on bytes at hand; `path` gives the format and stands in the errors.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn parse_mesh(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
+    match crate::extension(path).as_str() {
+        "off" => off::parse(path, bytes),
+        "obj" => obj::parse(path, bytes),
+        "ply" => crate::ply::parse_mesh(path, bytes),
+        "stl" => stl::parse(path, bytes),
+        found => Err(FormatError::UnknownType {
+            path: path.to_owned(),
+            found: format!(".{found}"),
+            expected: ".off, .obj, .ply or .stl",
+        }),
+    }
+}
+
+/// Gathers triangles by their corners; equal corners become one vertex.
+#[derive(Default)]
+pub(crate) struct MeshBuilder {
+    vertices: Vec<Point3<f64>>,
+    corners: HashMap<Corner, u32>,
+    positions: HashMap<[u32; 3], u32>,
+    position_of: Vec<u32>,
+    triangles: Vec<[u32; 3]>,
+    seen: HashSet<[u32; 3]>,
+    left_out: usize,
+}
+
+/// Bits of the position and of the normal as f32: the published loader's vertices, whose mean is its centre.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Corner {
+    position: [u32; 3],
+    normal: Option<[u32; 3]>,
+}
+
+/// A corner of a face: its position, and its normal where the file gives one.
+pub(crate) type CornerData = ([f64; 3], Option<[f64; 3]>);
+
+impl MeshBuilder {
+    /// Adds a triangle, unless it is of no use.
+    pub(crate) fn push(&mut self, corners: [CornerData; 3]) {
+        if corners.iter().any(|(p, _)| p.iter().any(|&x| !(x as f32).is_finite())) {
+            self.left_out += 1;
+            return;
+        }
+        let triangle = corners.map(|(p, n)| self.vertex(p, n));
+        let [a, b, c] = triangle.map(|i| self.vertices[i as usize]);
+        // As positions, turned so that the smallest comes first: equal for a face given again.
+        let mut ids = triangle.map(|i| self.position_of[i as usize]);
+        let least = (0..3).min_by_key(|&k| ids[k]).unwrap_or(0);
+        ids.rotate_left(least);
+        let flat = ids[0] == ids[1] || ids[1] == ids[2] || ids[2] == ids[0] || (b - a).cross(&(c - a)).norm() == 0.0;
+        if flat || !self.seen.insert(ids) {
+            self.left_out += 1;
+        } else {
+            self.triangles.push(triangle);
+        }
+    }
+
+    /// Adds a polygon as a fan.
+    pub(crate) fn push_polygon(&mut self, corners: &[CornerData]) {
+        for k in 2..corners.len() {
+            self.push([corners[0], corners[k - 1], corners[k]]);
+        }
+    }
+
+    fn vertex(&mut self, position: [f64; 3], normal: Option<[f64; 3]>) -> u32 {
+        let bits = |v: [f64; 3]| v.map(|x| (x as f32 + 0.0).to_bits()); // + 0.0: -0 and 0 are one place
+        let key = Corner { position: bits(position), normal: normal.map(bits) };
+        let next = self.vertices.len() as u32;
+        let index = *self.corners.entry(key).or_insert(next);
+        if index == next {
+            self.vertices.push(Point3::from(position));
+            let fresh = self.positions.len() as u32;
+            self.position_of.push(*self.positions.entry(key.position).or_insert(fresh));
+        }
+        index
+    }
+
+    /// The mesh; an error where no triangle is left.
+    pub(crate) fn finish(self, path: &Path, found: impl FnOnce() -> String) -> Result<Mesh, FormatError> {
+        if self.triangles.is_empty() {
+            let found = match self.left_out {
+                0 => found(),
+                n => format!("{n} triangles, all without area or with coordinates that are no finite numbers"),
+            };
+            return Err(FormatError::Empty { path: path.to_owned(), found, expected: "at least one triangle" });
+        }
+        Ok(Mesh { vertices: self.vertices, triangles: self.triangles })
+    }
+}

@@ -1,0 +1,285 @@
+//! Files that are whole or absent, and run directories that say how they were made.
+
+use crate::{ConfigError, FormatError};
+use serde::Serialize;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Writes a file so that it is whole or absent (or still the old one), whatever happens: a temporary sibling,
+/// synced, renamed. Parent directories are made.
+///
+/// # Errors
+/// What the operating system refuses (no space, no permission); the temporary file is then removed.
+pub fn atomic_write(path: &Path, bytes: &[u8]) -> Result<(), FormatError> {
+    atomic_write_with(path, |w| w.write_all(bytes))
+}
+
+/// [`atomic_write`] for content that is made while it is written.
+///
+/// # Errors
+/// As [`atomic_write`].
+pub fn atomic_write_with(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+) -> Result<(), FormatError> {
+    let parent = parent(path);
+    std::fs::create_dir_all(parent).map_err(|e| FormatError::io(parent, "make the directory", e))?;
+    (|| {
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        let builder = {
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(std::fs::Permissions::from_mode(0o666)) // the umask takes its share
+        };
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let temporary = builder.prefix(&format!(".{name}.")).suffix(TEMPORARY).tempfile_in(parent)?;
+        let mut buffered = BufWriter::with_capacity(1 << 20, temporary.as_file());
+        write(&mut buffered)?;
+        buffered.flush()?;
+        drop(buffered);
+        temporary.as_file().sync_all()?;
+        temporary.persist(path).map_err(|e| e.error)?;
+        std::fs::File::open(parent)?.sync_all()
+    })()
+    .map_err(|e| FormatError::io(path, "write", e))
+}
+
+/// Ending of the temporary siblings that [`atomic_write`] makes; a killed process may leave one behind.
+pub const TEMPORARY: &str = ".tmp";
+
+/// Removes the temporary siblings of `path` that a killed process left behind.
+pub fn remove_temporaries(path: &Path) {
+    let prefix = format!(".{}.", path.file_name().unwrap_or_default().to_string_lossy());
+    for entry in std::fs::read_dir(parent(path)).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if name.starts_with(&prefix) && name.ends_with(TEMPORARY) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// How a run came about; `run.toml` in its directory.
+#[derive(Clone, Debug, Serialize)]
+pub struct Provenance {
+    /// The command line.
+    pub command: Vec<String>,
+    /// Program and version.
+    pub program: String,
+    /// Commit of the source tree, `-dirty` where it was changed, `unknown` away from it.
+    pub commit: String,
+    /// Host name.
+    pub host: String,
+    /// Processor architecture and operating system.
+    pub platform: String,
+    /// Number of threads the machine offers.
+    pub threads: usize,
+    /// Start, UTC.
+    pub started: String,
+    /// End, UTC; absent while the run goes on, and after a kill.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended: Option<String>,
+    /// How it ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outcome: Option<String>,
+}
+
+impl Provenance {
+    /// Of this process, now.
+    pub fn now(program: &str) -> Self {
+        Self {
+            command: std::env::args().collect(),
+            program: format!("{program} {}", env!("CARGO_PKG_VERSION")),
+            commit: commit(),
+            host: std::fs::read_to_string("/proc/sys/kernel/hostname")
+                .map(|s| s.trim().to_owned())
+                .or_else(|_| std::env::var("HOSTNAME"))
+                .unwrap_or_else(|_| "unknown".to_owned()),
+            platform: format!("{} {}", std::env::consts::ARCH, std::env::consts::OS),
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            started: utc(SystemTime::now()),
+            ended: None,
+            outcome: None,
+        }
+    }
+}
+
+/// A directory that holds all that is needed to repeat a run: `config.toml` (resolved) and `run.toml`.
+#[derive(Debug)]
+pub struct RunDir {
+    path: PathBuf,
+    provenance_name: String,
+    provenance: Provenance,
+}
+
+/// Why a run directory cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A file cannot be written.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// The settings cannot be written.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+}
+
+impl RunDir {
+    /// Makes the directory if need be and writes `config.toml` and `run.toml`.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub fn create<T: Serialize>(path: &Path, program: &str, config: &T) -> Result<Self, RunError> {
+        Self::create_part(path, program, config, "run.toml")
+    }
+
+    /// [`RunDir::create`] for one of several processes that share the directory: each has a provenance file of
+    /// its own.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub fn create_part<T: Serialize>(
+        path: &Path,
+        program: &str,
+        config: &T,
+        provenance_name: &str,
+    ) -> Result<Self, RunError> {
+        atomic_write(&path.join("config.toml"), crate::config::to_toml(config)?.as_bytes())?;
+        let run = Self {
+            path: path.to_owned(),
+            provenance_name: provenance_name.to_owned(),
+            provenance: Provenance::now(program),
+        };
+        run.write_provenance()?;
+        Ok(run)
+    }
+
+    /// The directory.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How the run came about.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// Notes the end of the run.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub fn finish(&mut self, outcome: &str) -> Result<(), RunError> {
+        self.provenance.ended = Some(utc(SystemTime::now()));
+        self.provenance.outcome = Some(outcome.to_owned());
+        self.write_provenance()
+    }
+
+    fn write_provenance(&self) -> Result<(), RunError> {
+        let text = crate::config::to_toml(&self.provenance)?;
+        Ok(atomic_write(&self.path.join(&self.provenance_name), text.as_bytes())?)
+    }
+}
+
+/// Path of a new run: `<base>/<UTC time>`, e.g. `runs/train/2026-01-31T12-00-00`, with a number appended where
+/// that exists.
+pub fn new_run_path(base: &Path) -> PathBuf {
+    let name = utc(SystemTime::now()).replace(':', "-");
+    let name = name.trim_end_matches('Z');
+    let first = base.join(name);
+    if !first.exists() {
+        return first;
+    }
+    (2..).map(|i| base.join(format!("{name}-{i}"))).find(|p| !p.exists()).unwrap_or(first)
+}
+
+/// The directory under `base` (one level, or `base` itself) whose file `marker` is newest.
+pub fn newest(base: &Path, marker: &str) -> Option<PathBuf> {
+    let children = std::fs::read_dir(base).ok()?.flatten().map(|e| e.path());
+    let dated = |p: PathBuf| Some((std::fs::metadata(p.join(marker)).ok()?.modified().ok()?, p));
+    children.chain([base.to_owned()]).filter_map(dated).max().map(|(_, p)| p)
+}
+
+/// Commit of the source tree that this program was built from, `-dirty` where tracked files were changed,
+/// `unknown` where the tree or git is gone.
+pub fn commit() -> String {
+    let git = |arguments: &[&str]| {
+        let out = std::process::Command::new("git").arg("-C").arg(env!("CARGO_MANIFEST_DIR")).args(arguments).output();
+        out.ok().filter(|o| o.status.success()).map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned())
+    };
+    match git(&["rev-parse", "--short=12", "HEAD"]) {
+        Some(head) => {
+            let changed = git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
+            if changed { format!("{head}-dirty") } else { head }
+        }
+        None => "unknown".to_owned(),
+    }
+}
+
+/// Lower-case hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// UTC time as `2026-01-31T12:00:00Z` (civil-from-days, H. Hinnant).
+pub fn utc(time: SystemTime) -> String {
+    let seconds = time.duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
+    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", rest / 3600, rest / 60 % 60, rest % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn utc_knows_the_calendar() {
+        let at = |s| utc(UNIX_EPOCH + Duration::from_secs(s));
+        assert_eq!(at(0), "1970-01-01T00:00:00Z");
+        assert_eq!(at(951_782_400), "2000-02-29T00:00:00Z");
+        assert_eq!(at(1_709_251_199), "2024-02-29T23:59:59Z");
+        assert_eq!(at(4_102_444_800), "2100-01-01T00:00:00Z");
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_litter() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("deep/er/a.bin");
+        atomic_write(&path, b"old").unwrap();
+        let broken = atomic_write_with(&path, |w| {
+            w.write_all(b"half")?;
+            Err(std::io::Error::from(std::io::ErrorKind::StorageFull))
+        });
+        assert!(matches!(broken, Err(FormatError::Io { .. })));
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        let names: Vec<_> = std::fs::read_dir(path.parent().unwrap()).unwrap().collect();
+        assert_eq!(names.len(), 1, "{names:?}");
+        std::fs::write(path.with_file_name(".a.bin.x1.tmp"), b"left over").unwrap();
+        remove_temporaries(&path);
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn the_newest_run_is_found_by_its_marker() {
+        let dir = tempfile::tempdir().unwrap();
+        assert_eq!(newest(dir.path(), "manifest.json"), None);
+        for name in ["a", "b"] {
+            atomic_write(&dir.path().join(name).join("manifest.json"), b"{}").unwrap();
+            std::thread::sleep(Duration::from_millis(15));
+        }
+        std::fs::create_dir(dir.path().join("c")).unwrap();
+        assert_eq!(newest(dir.path(), "manifest.json"), Some(dir.path().join("b")));
+    }
+}
