@@ -5,15 +5,30 @@
 //! the clock or global randomness, and nothing fails on valid input: degenerate input (an empty cloud, one
 //! point) has a documented answer.
 
+pub mod boundary;
 pub mod camera;
+pub mod candidates;
 pub mod cloud;
+pub mod cluster;
+pub mod coverage;
+pub mod density;
+#[cfg(test)]
+mod golden;
 pub mod mesh;
+pub mod metrics;
+pub mod neighbors;
+pub mod normals;
 pub mod planner;
 pub mod rng;
 pub mod view;
 
+pub use boundary::{BoundaryConfig, boundary_points};
 pub use camera::{DepthImage, PinholeCamera};
-pub use cloud::PointCloud;
+pub use candidates::{Angles, CandidateConfig, candidate_views};
+pub use cloud::{PointCloud, VoxelOrigin};
+pub use coverage::{ViewScore, coverage, overlap, score_view};
 pub use mesh::Mesh;
+pub use neighbors::{NeighborGrid, mean_spacing};
+pub use normals::{estimate_normals, orient_normals_along, orient_normals_toward};
 pub use planner::{CandidateView, Misses, Observation, PastScan, Planner, RankedView, ScanState, Seen};
 pub use view::View;

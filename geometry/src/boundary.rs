@@ -1,0 +1,286 @@
+//! Boundary points of a cloud by the angle criterion (Bendels et al. 2006; method, 'Boundary and candidate views', 2).
+
+use crate::PointCloud;
+use crate::neighbors::{NeighborGrid, Neighborhoods};
+use nalgebra::{Point3, Vector3};
+
+/// Settings of the boundary detection.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BoundaryConfig {
+    /// Neighbours considered at most, the point itself among them (30).
+    pub neighbors: usize,
+    /// A point is on the boundary if the largest gap between the directions to its neighbours exceeds this (120).
+    pub max_gap_deg: f64,
+    /// Use the normals unnormalised and in the published frame, which is undefined (never a boundary) for normals of
+    /// exactly (0, 0, +-1) and distorts angles for others that are not of unit length. Off by default.
+    pub published_frame: bool,
+}
+
+impl Default for BoundaryConfig {
+    fn default() -> Self {
+        Self { neighbors: 30, max_gap_deg: 120.0, published_frame: false }
+    }
+}
+
+/// Indices of the boundary points, rising. The radius of the neighbourhood is the mean distance to the other
+/// `neighbors - 1` nearest points. The cloud needs normals: without them nothing is a boundary.
+pub fn boundary_points(cloud: &PointCloud, config: &BoundaryConfig) -> Vec<usize> {
+    let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), config.neighbors);
+    boundary_among(cloud, &neighborhoods, neighborhoods.mean_distance(), config)
+}
+
+/// [`boundary_points`] where the neighbourhoods of `config.neighbors` points are already known.
+pub fn boundary_among(
+    cloud: &PointCloud,
+    neighborhoods: &Neighborhoods,
+    radius: f64,
+    config: &BoundaryConfig,
+) -> Vec<usize> {
+    if !cloud.has_normals() {
+        return Vec::new();
+    }
+    let criterion = AngleCriterion::new(radius, config);
+    let mut directions = Vec::new();
+    (0..cloud.len()).filter(|&i| criterion.is_boundary(cloud, neighborhoods, i, &mut directions)).collect()
+}
+
+/// The criterion, ready to be asked of many points.
+pub(crate) struct AngleCriterion {
+    radius2: f32,
+    cos_gap: f32,
+    reflex: bool,
+    sectors_suffice: bool,
+    published_frame: bool,
+}
+
+impl AngleCriterion {
+    pub(crate) fn new(radius: f64, config: &BoundaryConfig) -> Self {
+        Self {
+            radius2: (radius as f32).powi(2),
+            cos_gap: config.max_gap_deg.to_radians().cos() as f32,
+            reflex: config.max_gap_deg >= 180.0,
+            sectors_suffice: config.max_gap_deg >= 120.0,
+            published_frame: config.published_frame,
+        }
+    }
+
+    /// `directions` is scratch.
+    pub(crate) fn is_boundary(
+        &self,
+        cloud: &PointCloud,
+        neighborhoods: &Neighborhoods,
+        i: usize,
+        directions: &mut Vec<[f32; 3]>,
+    ) -> bool {
+        let normal = cloud.normals[i];
+        let frame = if self.published_frame { published_frame(&normal) } else { tangent_frame(&normal) };
+        let Some((u_axis, v_axis)) = frame else { return false };
+        let point = cloud.points[i];
+        directions.clear();
+        let mut sectors = 0u8;
+        for (&id, &d2) in neighborhoods.ids(i).iter().zip(neighborhoods.distances2(i)) {
+            if d2 >= self.radius2 {
+                break;
+            }
+            if id as usize == i {
+                continue;
+            }
+            let d = to_f32(&Point3::from(cloud.points[id as usize] - point));
+            let (u, v) = (dot(&u_axis, &d), dot(&v_axis, &d));
+            if u == 0.0 && v == 0.0 {
+                continue; // straight above or the same spot: no direction
+            }
+            sectors |= sector(u, v);
+            directions.push([pseudo_angle(u, v), u, v]);
+        }
+        if directions.is_empty() || (sectors == 0b11_1111 && self.sectors_suffice) {
+            return false;
+        }
+        directions.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+        let [last_angle, last_u, last_v] = directions[directions.len() - 1];
+        let mut previous = [last_angle - 4.0, last_u, last_v];
+        directions.iter().any(|&direction| {
+            let exceeds = self.exceeds(&previous, &direction);
+            previous = direction;
+            exceeds
+        })
+    }
+
+    /// Whether the gap from one direction to the next exceeds the limit.
+    fn exceeds(&self, a: &[f32; 3], b: &[f32; 3]) -> bool {
+        let over_half_turn = b[0] - a[0] >= 2.0;
+        if over_half_turn != self.reflex {
+            return over_half_turn;
+        }
+        let cos = (a[1] * b[1] + a[2] * b[2]) / ((a[1] * a[1] + a[2] * a[2]) * (b[1] * b[1] + b[2] * b[2])).sqrt();
+        if self.reflex { cos > self.cos_gap } else { cos < self.cos_gap }
+    }
+}
+
+/// Rises with the angle of (u, v) from -u counter-clockwise through a full turn: 0..4, half a turn being 2.
+fn pseudo_angle(u: f32, v: f32) -> f32 {
+    let t = u / (u.abs() + v.abs());
+    if v < 0.0 { 1.0 + t } else { 3.0 - t }
+}
+
+/// One bit for the 60-degree sector that holds the direction.
+fn sector(u: f32, v: f32) -> u8 {
+    let steep = v.abs() > 1.732_050_8 * u.abs();
+    let third = if steep {
+        1
+    } else if (u > 0.0) == (v > 0.0) {
+        0
+    } else {
+        2
+    };
+    if v > 0.0 || (v == 0.0 && u > 0.0) { 1 << third } else { 8 << third }
+}
+
+fn tangent_frame(normal: &Vector3<f64>) -> Option<([f32; 3], [f32; 3])> {
+    let n = normal.try_normalize(1e-12)?;
+    let mut axis = Vector3::zeros();
+    axis[n.iamin()] = 1.0;
+    let u = n.cross(&axis).try_normalize(1e-12)?;
+    Some((to_f32(&u.into()), to_f32(&n.cross(&u).into())))
+}
+
+/// Frame of the published code (Open3D), in f32: u = n x v is as short as the normal.
+fn published_frame(normal: &Vector3<f64>) -> Option<([f32; 3], [f32; 3])> {
+    let [x, y, z] = to_f32(&Point3::from(*normal));
+    let v = if (x - z).abs() >= 1e-6 || (y - z).abs() >= 1e-6 {
+        let length = (x * x + y * y).sqrt();
+        [-y / length, x / length, 0.0]
+    } else {
+        let length = (y * y + z * z).sqrt();
+        [0.0, -z / length, y / length]
+    };
+    let u = [y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]];
+    v.iter().all(|c| c.is_finite()).then_some((u, v))
+}
+
+fn to_f32(p: &Point3<f64>) -> [f32; 3] {
+    [p.x as f32, p.y as f32, p.z as f32]
+}
+
+fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::golden::Golden;
+    use crate::rng::stream;
+    use rand::Rng;
+
+    fn mask(n: usize, boundary: &[usize]) -> Vec<u8> {
+        let mut mask = vec![0; n];
+        boundary.iter().for_each(|&i| mask[i] = 1);
+        mask
+    }
+
+    fn plane(pitch: f64) -> PointCloud {
+        let points = (0..400).map(|i| Point3::new(f64::from(i % 20) * pitch, f64::from(i / 20) * pitch, 0.0)).collect();
+        PointCloud { points, normals: vec![Vector3::z(); 400] }
+    }
+
+    #[test]
+    fn the_boundary_of_a_square_is_its_rim_and_the_rim_of_its_hole() {
+        let boundary = boundary_points(&plane(0.01), &BoundaryConfig::default());
+        let rim: Vec<usize> = (0..400).filter(|i| i % 20 % 19 == 0 || i / 20 % 19 == 0).collect();
+        assert_eq!(boundary, rim);
+        let mut holed = plane(0.01);
+        let keep: Vec<bool> = (0..400).map(|i| !(7..13).contains(&(i % 20)) || !(7..13).contains(&(i / 20))).collect();
+        let mut kept = keep.iter();
+        holed.points.retain(|_| *kept.next().unwrap());
+        holed.normals.truncate(holed.points.len());
+        let inner = boundary_points(&holed, &BoundaryConfig::default())
+            .into_iter()
+            .filter(|&i| holed.points[i].iter().take(2).all(|x| (0.03..0.16).contains(x)))
+            .count();
+        assert!((16..=28).contains(&inner), "{inner} points around the hole");
+    }
+
+    #[test]
+    fn degenerate_clouds_have_an_answer() {
+        let config = BoundaryConfig::default();
+        assert!(boundary_points(&PointCloud::default(), &config).is_empty());
+        let mut cloud = plane(0.0);
+        assert!(boundary_points(&cloud, &config).is_empty(), "one spot has no directions");
+        cloud = plane(0.01);
+        cloud.normals[0] = Vector3::zeros();
+        cloud.points[1].x = f64::NAN;
+        assert!(!boundary_points(&cloud, &config).contains(&0), "no normal, no boundary");
+        cloud.normals.clear();
+        assert!(boundary_points(&cloud, &config).is_empty());
+    }
+
+    #[test]
+    fn the_gap_test_equals_sorted_angles() {
+        let mut rng = stream(5, "boundary");
+        for gap in [60.0, 120.0, 150.0, 200.0] {
+            let config = BoundaryConfig { max_gap_deg: gap, ..BoundaryConfig::default() };
+            for _ in 0..300 {
+                let n = rng.gen_range(2..9);
+                let mut points = vec![Point3::origin()];
+                points.extend((1..n).map(|_| Point3::new(rng.gen_range(-1.0..1.0), rng.gen_range(-1.0..1.0), 0.0)));
+                let mut angles: Vec<f64> = points[1..].iter().map(|p| f64::atan2(p.y, p.x).to_degrees()).collect();
+                angles.sort_by(f64::total_cmp);
+                angles.push(angles[0] + 360.0);
+                let largest = angles.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+                if (largest - gap).abs() < 1e-3 {
+                    continue;
+                }
+                let cloud = PointCloud { normals: vec![Vector3::new(0.0, 0.0, 0.5); n], points };
+                let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(n, 30);
+                let found = boundary_among(&cloud, &nearby, 10.0, &config).contains(&0);
+                assert_eq!(found, largest > gap, "gap {gap}, largest {largest}: {angles:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn masks_equal_the_published_ones() {
+        let config = BoundaryConfig { published_frame: true, ..BoundaryConfig::default() };
+        if let Some(golden) = Golden::open("b_boundary.safetensors") {
+            for name in ["bunny_after1", "horse_after3", "teapot_after2"] {
+                let field = |f: &str| format!("{name}.{f}");
+                let (points, normals) = (golden.points(&field("points")), golden.points(&field("normals")));
+                let cloud = PointCloud { points, normals: normals.iter().map(|n| n.coords).collect() };
+                let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+                let radius = golden.f64(&field("radius"))[0];
+                assert!((nearby.mean_distance() - radius).abs() < 1e-6 * radius, "{name}: radius");
+                let expected = golden.i32(&field("neighbour_index"));
+                let differ = (0..cloud.len())
+                    .filter(|&i| {
+                        let known = &expected[30 * i..30 * (i + 1)];
+                        let count = known.iter().filter(|&&j| j >= 0).count();
+                        let mut a: Vec<i32> = known[..count].to_vec();
+                        let mut b: Vec<i32> = nearby.ids(i)[..count].iter().map(|&j| j as i32).collect();
+                        a.sort_unstable();
+                        b.sort_unstable();
+                        a != b
+                    })
+                    .count();
+                assert!(differ * 200 < cloud.len(), "{name}: {differ} neighbourhoods differ");
+                let ours = mask(cloud.len(), &boundary_among(&cloud, &nearby, radius, &config));
+                let wrong = ours.iter().zip(golden.u8(&field("mask"))).filter(|&(a, b)| *a != b).count();
+                assert!(wrong * 200 <= cloud.len(), "{name}: {wrong} of {} differ", cloud.len());
+                println!("{name}: {wrong} of {} boundary flags differ", cloud.len());
+            }
+        }
+        if let Some(golden) = Golden::open("b_boundary_flat.safetensors") {
+            let radius = golden.f64("radius")[0];
+            for name in ["z", "minus_z", "tilt1e-3", "x", "diag111", "half_length_tilt"] {
+                let field = |f: &str| format!("{name}.{f}");
+                let (points, normals) = (golden.points(&field("points")), golden.points(&field("normals")));
+                let cloud = PointCloud { points, normals: normals.iter().map(|n| n.coords).collect() };
+                let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+                let ours = mask(cloud.len(), &boundary_among(&cloud, &nearby, radius, &config));
+                let wrong = ours.iter().zip(golden.u8(&field("mask"))).filter(|&(a, b)| *a != b).count();
+                assert!(wrong <= 1, "{name}: {wrong} of 256 differ");
+            }
+        }
+    }
+}

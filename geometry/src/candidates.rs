@@ -1,0 +1,223 @@
+//! Candidate views at the boundary of a cloud (method, 'Boundary and candidate views').
+
+use crate::boundary::{BoundaryConfig, boundary_among};
+use crate::cluster::{nearest_neighbor_order, representatives};
+use crate::density::density_from;
+use crate::neighbors::{NeighborGrid, Neighborhoods};
+use crate::{CandidateView, PointCloud, View};
+use nalgebra::{Point3, Rotation3, Unit, Vector3};
+use rand_chacha::ChaCha8Rng;
+
+/// Which of the tilts a target gets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Angles {
+    /// One: the first, second, third, first ... with the position in the order, as published.
+    #[default]
+    Cycle,
+    /// All of them, in a row: three times as many candidates.
+    All,
+}
+
+/// Settings of the candidate views.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CandidateConfig {
+    /// Number of boundary targets: k of the k-means (20). Fewer where the boundary has fewer points.
+    pub num_targets: usize,
+    /// Tilts of the viewing direction against the normal: negative leans out over the unseen side (-45, 0, 45).
+    pub tilts_deg: Vec<f64>,
+    /// Which of the tilts each target gets.
+    pub angles: Angles,
+    /// Turn by the full tilt about the unit axis. Off, the turn is shortened by |u x n| as in the published code.
+    pub unit_axis: bool,
+    /// The boundary criterion.
+    pub boundary: BoundaryConfig,
+}
+
+impl Default for CandidateConfig {
+    fn default() -> Self {
+        Self {
+            num_targets: 20,
+            tilts_deg: vec![-45.0, 0.0, 45.0],
+            angles: Angles::Cycle,
+            unit_axis: true,
+            boundary: BoundaryConfig::default(),
+        }
+    }
+}
+
+impl CandidateConfig {
+    /// As published: the shortened turn and the frame of the published boundary criterion.
+    pub fn paper() -> Self {
+        let boundary = BoundaryConfig { published_frame: true, ..BoundaryConfig::default() };
+        Self { unit_axis: false, boundary, ..Self::default() }
+    }
+
+    /// Most candidates that a decision can have.
+    pub fn max_candidates(&self) -> usize {
+        match self.angles {
+            Angles::Cycle => self.num_targets,
+            Angles::All => self.num_targets * self.tilts_deg.len(),
+        }
+    }
+}
+
+/// The candidates, in the order of the greedy traversal of their targets, each `working_distance` metres from its
+/// target. Empty if the cloud has no boundary or no normals. A target with a zero normal gives none; one without
+/// an outward direction (its neighbours surround it evenly) is looked at along its normal.
+pub fn candidate_views(
+    cloud: &PointCloud,
+    working_distance: f64,
+    config: &CandidateConfig,
+    rng: &mut ChaCha8Rng,
+) -> Vec<CandidateView> {
+    let grid = NeighborGrid::new(&cloud.points, 0.0);
+    let neighborhoods = grid.neighborhoods(cloud.len(), config.boundary.neighbors);
+    candidate_views_among(cloud, &neighborhoods, working_distance, config, rng)
+}
+
+/// [`candidate_views`] where the neighbourhoods of `config.boundary.neighbors` points are already known.
+pub fn candidate_views_among(
+    cloud: &PointCloud,
+    neighborhoods: &Neighborhoods,
+    working_distance: f64,
+    config: &CandidateConfig,
+    rng: &mut ChaCha8Rng,
+) -> Vec<CandidateView> {
+    let boundary = boundary_among(cloud, neighborhoods, neighborhoods.mean_distance(), &config.boundary);
+    let positions: Vec<Point3<f64>> = boundary.iter().map(|&i| cloud.points[i]).collect();
+    let chosen: Vec<usize> = representatives(&positions, config.num_targets, rng);
+    let targets: Vec<Point3<f64>> = chosen.iter().map(|&i| positions[i]).collect();
+    let ordered = nearest_neighbor_order(&targets).into_iter().map(|i| boundary[chosen[i]]);
+
+    let mut candidates = Vec::with_capacity(config.max_candidates());
+    let num_tilts = config.tilts_deg.len();
+    for (position, i) in ordered.enumerate() {
+        let target = cloud.points[i];
+        let Some(normal) = cloud.normals[i].try_normalize(0.0) else { continue };
+        let outward = outward_direction(cloud, neighborhoods, i);
+        let density = density_from(neighborhoods.distance_sum(i), neighborhoods.k());
+        let tilts = match config.angles {
+            Angles::Cycle if num_tilts > 0 => &config.tilts_deg[position % num_tilts..][..1],
+            _ => &config.tilts_deg[..],
+        };
+        candidates.extend(tilts.iter().map(|&tilt| {
+            let direction = tilted(&normal, &outward, tilt.to_radians(), config.unit_axis);
+            CandidateView { view: View { target, position: target + working_distance * direction }, density }
+        }));
+    }
+    candidates
+}
+
+/// u: unit vector from the mean of the point's neighbours (itself excluded) to the point; zero if they coincide.
+fn outward_direction(cloud: &PointCloud, neighborhoods: &Neighborhoods, i: usize) -> Vector3<f64> {
+    let point = cloud.points[i];
+    let others = || neighborhoods.ids(i).iter().filter(|&&id| id as usize != i);
+    let sum = others().fold(Vector3::zeros(), |sum, &id| sum + (cloud.points[id as usize] - point));
+    (-sum).try_normalize(1e-12).unwrap_or_else(Vector3::zeros)
+}
+
+/// The normal turned by `angle` about u x n.
+fn tilted(normal: &Vector3<f64>, outward: &Vector3<f64>, angle: f64, unit_axis: bool) -> Vector3<f64> {
+    match Unit::try_new_and_get(outward.cross(normal), 1e-9) {
+        Some((axis, length)) => {
+            let angle = if unit_axis { angle } else { angle * length };
+            Rotation3::from_axis_angle(&axis, angle) * normal
+        }
+        None => *normal,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::golden::Golden;
+    use crate::rng::stream;
+    use nalgebra::Isometry3;
+
+    fn sheet() -> PointCloud {
+        let points: Vec<_> =
+            (0..900).map(|i| Point3::new(f64::from(i % 30) * 0.003, f64::from(i / 30) * 0.003, 0.0)).collect();
+        PointCloud { normals: vec![Vector3::z(); points.len()], points }
+    }
+
+    #[test]
+    fn directions_equal_the_published_ones() {
+        let Some(golden) = Golden::open("c_views.safetensors") else { return };
+        for name in ["bunny_after1", "horse_after3", "teapot_after2"] {
+            let field = |f: &str| format!("{name}.{f}");
+            let cloud = golden.cloud(&field("cloud"));
+            let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+            let order = golden.i32(&field("nearest_sort_order"));
+            let indices = golden.i32(&field("representative_index"));
+            let [targets, cameras, us] = ["view_target", "view_camera", "view_u"].map(|f| golden.points(&field(f)));
+            for (position, &sorted) in order.iter().enumerate() {
+                let i = indices[sorted as usize] as usize;
+                let outward = outward_direction(&cloud, &neighborhoods, i);
+                assert!((outward - us[position].coords).norm() < 1e-5, "{name}: u of {position}");
+                let angle = golden.f64(&field("angle_deg"))[position].to_radians();
+                let direction = tilted(&cloud.normals[i].normalize(), &outward, angle, false);
+                let camera = cloud.points[i] + 1.2 * direction;
+                assert!((cloud.points[i] - targets[position]).norm() < 1e-6);
+                assert!((camera - cameras[position]).norm() < 1e-5, "{name}: camera {position}");
+            }
+        }
+    }
+
+    #[test]
+    fn candidates_of_a_sheet_stand_at_its_rim() {
+        let cloud = sheet();
+        let config = CandidateConfig::default();
+        let candidates = candidate_views(&cloud, 0.7, &config, &mut stream(1, "candidates"));
+        assert_eq!(candidates.len(), 20);
+        for (i, c) in candidates.iter().enumerate() {
+            assert!(((c.view.position - c.view.target).norm() - 0.7).abs() < 1e-12);
+            let expected = (config.tilts_deg[i % 3].to_radians()).cos();
+            assert!((c.direction().z - expected).abs() < 1e-9, "the full tilt about the unit axis");
+            let from_middle = c.view.target - Point3::new(0.0435, 0.0435, 0.0);
+            assert!(from_middle.amax() > 0.043, "on the rim");
+            if i % 3 == 0 {
+                assert!(c.direction().dot(&from_middle) > 0.0, "-45 leans out over the unseen side");
+            }
+            assert!(c.density > 0.0);
+        }
+        let all = CandidateConfig { angles: Angles::All, ..config };
+        assert_eq!(candidate_views(&cloud, 0.7, &all, &mut stream(1, "candidates")).len(), 60);
+    }
+
+    #[test]
+    fn candidates_move_with_the_cloud() {
+        let cloud = sheet();
+        let motion = Isometry3::new(Vector3::new(4.0, -2.0, 1.0), Vector3::new(0.3, 0.2, -1.0));
+        let views =
+            |cloud: &PointCloud| candidate_views(cloud, 1.2, &CandidateConfig::default(), &mut stream(2, "candidates"));
+        // Away from exact ties of the lattice.
+        let mut rng = stream(3, "jitter");
+        let mut cloud = cloud;
+        for p in &mut cloud.points {
+            *p += Vector3::from_fn(|_, _| rand::Rng::gen_range(&mut rng, -3e-4..3e-4));
+        }
+        let (here, there) = (views(&cloud), views(&cloud.transformed(&motion)));
+        assert_eq!(here.len(), there.len());
+        for (a, b) in here.iter().zip(&there) {
+            assert!((motion * a.view.position - b.view.position).norm() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn degenerate_clouds_have_no_candidates() {
+        let views = |cloud: &PointCloud| candidate_views(cloud, 1.2, &CandidateConfig::default(), &mut stream(4, "c"));
+        assert!(views(&PointCloud::default()).is_empty());
+        let mut cloud = sheet();
+        cloud.normals.fill(Vector3::zeros());
+        assert!(views(&cloud).is_empty());
+        let spot = PointCloud { points: vec![Point3::origin(); 10], normals: vec![Vector3::x(); 10] };
+        assert!(views(&spot).is_empty());
+        let two =
+            PointCloud { points: vec![Point3::origin(), Point3::new(0.1, 0.0, 0.0)], normals: vec![Vector3::z(); 2] };
+        for c in views(&two) {
+            assert!(c.view.is_valid());
+        }
+    }
+}

