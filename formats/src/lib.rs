@@ -4,13 +4,25 @@
 //! Readers take files that others made: every error names the file, the place in it, what was found and what
 //! was expected. No reader allocates more than the size of its file warrants, whatever a header claims.
 
+pub mod cloud;
 pub mod config;
+pub mod depth;
 pub mod error;
+pub mod frame_history;
 pub mod manifest;
+pub mod mesh;
+pub mod ply;
 pub mod run;
 pub mod shard;
 
+pub use cloud::{CloudFile, read_cloud};
 pub use config::{ConfigError, Flag};
 pub use error::{FormatError, Place};
 pub use manifest::{Fate, Manifest, ObjectRecord, Split};
+pub use mesh::read_mesh;
 pub use shard::{CloudPrecision, Sample, ShardMetadata, ShardReader, ShardWriter};
+
+/// The ending of a file's name, lower case, without the dot.
+fn extension(path: &std::path::Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}

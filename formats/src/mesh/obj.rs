@@ -39,8 +39,17 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
             Some("f") => {
                 let start = corners.len();
                 for word in words {
-                    let indices = parse_corner(word, positions.len(), normals.len())
-                        .ok_or_else(|| FormatError::syntax(path, place(), format!("{word:?}"), "a corner such as 7, 7/1, 7//3 or -1"))?;
+                    let indices =
+                        parse_corner(word, positions.len(), normals.len()).map_err(|relative| match relative {
+                            Some(found) => {
+                                let (path, vertices) = (path.to_owned(), positions.len());
+                                FormatError::Index { path, place: place(), found, vertices }
+                            }
+                            None => {
+                                let expected = "a corner such as 7, 7/1, 7//3 or -1";
+                                FormatError::syntax(path, place(), format!("{word:?}"), expected)
+                            }
+                        })?;
                     corners.push(indices);
                 }
                 num_faces += 1;
@@ -99,27 +108,31 @@ fn vector<'a>(
     Ok(values)
 }
 
-/// `position`, `position/texture`, `position//normal` or `position/texture/normal`; negative ones count back.
-fn parse_corner(word: &str, num_positions: usize, num_normals: usize) -> Option<Indices> {
+/// `position`, `position/texture`, `position//normal` or `position/texture/normal`; negative ones count back. The
+/// error holds the position's index where that points before the first.
+fn parse_corner(word: &str, num_positions: usize, num_normals: usize) -> Result<Indices, Option<i64>> {
     let absolute = |text: &str, count: usize| {
-        let index: i64 = text.parse().ok()?;
+        let index: i64 = text.parse().map_err(|_| None)?;
         match index {
-            0 => None,
-            1.. => Some(index - 1),
-            _ => (count as i64).checked_add(index),
+            0 => Err(None),
+            1.. => Ok(index - 1),
+            _ => (count as i64).checked_add(index).filter(|&i| i >= 0).ok_or(Some(index)),
         }
     };
     let mut parts = word.split('/');
-    let position = absolute(parts.next()?, num_positions)?;
+    let position = absolute(parts.next().unwrap_or(""), num_positions)?;
     let texture = parts.next().unwrap_or("");
     if !texture.is_empty() {
-        texture.parse::<i64>().ok()?;
+        texture.parse::<i64>().map_err(|_| None)?;
     }
     let normal = match parts.next() {
         None | Some("") => None,
-        Some(text) => Some(absolute(text, num_normals)?),
+        Some(text) => Some(absolute(text, num_normals).map_err(|_| None)?),
     };
-    parts.next().is_none().then_some(Indices { position, normal })
+    if parts.next().is_some() {
+        return Err(None);
+    }
+    Ok(Indices { position, normal })
 }
 
 #[cfg(test)]
@@ -147,7 +160,7 @@ mod tests {
         assert!(text("v 1 2\n").contains("line 1: found too few numbers, expected three coordinates"));
         assert!(text("v 1 2 3\nf 1 2 3").contains("line 2: found vertex index 2, expected one of 1"));
         assert!(text("v 1 2 3\nf 0 1 1").contains("line 2: found \"0\""));
-        assert!(text("v 1 2 3\nf -2 1 1").contains("vertex index -1"), "{}", text("v 1 2 3\nf -2 1 1"));
+        assert!(text("v 1 2 3\nf -2 1 1").contains("vertex index -2"));
         assert!(text("v 1 2 3\nf 1//4 1 1").contains("found normal 4, expected one of 0"));
         assert!(text("v 1 2 3\nf 1//6148914691236517207 1 1").contains("normal"));
         assert!(text("v 1 2 3\nf 1/2/3/4 1 1").contains("corner"));

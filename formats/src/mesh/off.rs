@@ -18,7 +18,8 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
         Some(at) if ["", "C", "N", "ST", "CN", "STC", "STN", "STCN"].contains(&&first[..at]) => first.split_at(at + 3),
         _ => ("", first),
     };
-    if keyword.is_empty() && !first.starts_with(|c: char| c.is_ascii_digit()) || rest.trim_start().starts_with("BINARY") {
+    if keyword.is_empty() && !first.starts_with(|c: char| c.is_ascii_digit()) || rest.trim_start().starts_with("BINARY")
+    {
         return Err(FormatError::syntax(path, Place::Line(lines.line), first, "OFF (text, three coordinates)"));
     }
     lines.tokens = rest.split_whitespace().collect();
@@ -50,7 +51,13 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
         if count > vertices.len() {
             let most = vertices.len() as u64;
             let place = Place::Line(lines.line);
-            return Err(FormatError::Count { path: path.to_owned(), place, what: "corners".into(), found: count as u64, most });
+            return Err(FormatError::Count {
+                path: path.to_owned(),
+                place,
+                what: "corners".into(),
+                found: count as u64,
+                most,
+            });
         }
         lines.fill(1 + count, "a vertex index per corner")?;
         corners.clear();
@@ -128,7 +135,10 @@ mod tests {
     fn errors_name_line_found_and_expected() {
         let text = |t: &str| read(t).expect_err(t).to_string();
         assert!(text("OFF\n1 1 0\n0 0 zero\n3 0 0 0").contains("line 3: found \"zero\", expected a coordinate"));
-        assert!(text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7").contains("line 6: found vertex index 7, expected one of 3"));
+        assert!(
+            text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7")
+                .contains("line 6: found vertex index 7, expected one of 3")
+        );
         assert!(text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1").contains("index -1"));
         assert!(text("OFF\n3 1 0\n0 0 0\n1 0 0").contains("the file ends here"));
         assert!(text("OFF1000000000000 1 0\n").contains("1000000000000 vertices declared"));
@@ -140,7 +150,9 @@ mod tests {
 
     #[test]
     fn useless_triangles_are_left_out() {
-        let mesh = read("OFF 5 6 0\n0 0 0\n1 0 0\n0 1 0\nnan 0 0\n2 0 0\n3 0 1 2\n3 1 2 0\n3 2 1 0\n3 0 1 3\n3 0 1 1\n3 0 1 4\n");
+        let mesh = read(
+            "OFF 5 6 0\n0 0 0\n1 0 0\n0 1 0\nnan 0 0\n2 0 0\n3 0 1 2\n3 1 2 0\n3 2 1 0\n3 0 1 3\n3 0 1 1\n3 0 1 4\n",
+        );
         let mesh = mesh.unwrap();
         assert_eq!(mesh.triangles.len(), 2, "one triangle and the same seen from behind");
         assert!(mesh.vertices.iter().all(|v| v.iter().all(|x| x.is_finite())));

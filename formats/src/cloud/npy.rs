@@ -1,0 +1,180 @@
+//! NumPy arrays: N x 3, N x 6 (position, normal), or height x width x 3 or 6 of an organised cloud. Own code:
+//! `npyz` 0.9.1 overflows on the product of a hostile shape and allocates a header of the length that is claimed.
+
+use super::CloudFile;
+use crate::FormatError;
+use crate::error::Place;
+use std::path::Path;
+
+/// An array as f64, row-major.
+pub(crate) struct Array {
+    pub(crate) shape: Vec<usize>,
+    pub(crate) values: Vec<f64>,
+    /// Whether the file holds integers.
+    pub(crate) integer: bool,
+}
+
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError> {
+    let Array { shape, values, .. } = read_array(path, bytes, "(N, 3), (N, 6), (H, W, 3) or (H, W, 6)")?;
+    let (size, columns) = match *shape {
+        [_, columns @ (3 | 6)] => (None, columns),
+        [height, width, columns @ (3 | 6)] => (Some((width, height)), columns),
+        _ => {
+            let place = Place::Part("shape".to_owned());
+            let expected = "(N, 3), (N, 6), (H, W, 3) or (H, W, 6)";
+            return Err(FormatError::syntax(path, place, format!("{shape:?}"), expected));
+        }
+    };
+    let rows = values.chunks_exact(columns).map(|row| {
+        let normal = (columns == 6).then(|| [row[3], row[4], row[5]]);
+        ([row[0], row[1], row[2]], normal)
+    });
+    CloudFile::gather(path, rows, size)
+}
+
+/// Reads an array of numbers.
+pub(crate) fn read_array(path: &Path, bytes: &[u8], expected: &str) -> Result<Array, FormatError> {
+    let refuse = |found: &str| FormatError::syntax(path, Place::Part("header".to_owned()), found, expected);
+    let version = bytes.strip_prefix(b"\x93NUMPY").and_then(|b| b.first()).ok_or_else(|| refuse("no NumPy file"))?;
+    let length = |range: std::ops::Range<usize>| {
+        bytes.get(range).map(|b| b.iter().rev().fold(0usize, |n, &byte| n << 8 | usize::from(byte)))
+    };
+    let (start, length) = match version {
+        1 => (10, length(8..10)),
+        2 | 3 => (12, length(8..12)),
+        other => return Err(refuse(&format!("NumPy format version {other}"))),
+    };
+    let end = length.and_then(|n| n.checked_add(start));
+    let header = end
+        .and_then(|end| bytes.get(start..end))
+        .ok_or_else(|| FormatError::truncated(path, Place::Byte(bytes.len() as u64), "the header"))?;
+    let header = String::from_utf8_lossy(header);
+    let data = &bytes[end.unwrap_or(bytes.len())..];
+
+    let descr = entry(&header, "descr").and_then(|v| v.strip_prefix('\'')?.split_once('\''));
+    let descr = descr.ok_or_else(|| refuse("a header without a plain type"))?.0;
+    let column_major = entry(&header, "fortran_order").is_some_and(|v| v.starts_with("True"));
+    let shape = entry(&header, "shape").and_then(|v| v.strip_prefix('(')?.split_once(')'));
+    let shape = shape.ok_or_else(|| refuse("a header without a shape"))?.0;
+    let shape: Vec<u64> = shape
+        .split(',')
+        .map(str::trim)
+        .filter(|d| !d.is_empty())
+        .map(|d| d.parse().map_err(|_| refuse(&format!("a shape with {d:?}"))))
+        .collect::<Result<_, _>>()?;
+
+    let unknown = || refuse(&format!("numbers of type {descr:?}"));
+    let (big, kind) = descr.split_at_checked(1).ok_or_else(unknown)?;
+    let big = match big {
+        ">" => true,
+        "<" | "|" | "=" => false,
+        _ => return Err(unknown()),
+    };
+    let number: fn(&[u8]) -> f64 = match kind {
+        "f4" => |b| f64::from(f32::from_le_bytes(b.try_into().unwrap_or_default())),
+        "f8" => |b| f64::from_le_bytes(b.try_into().unwrap_or_default()),
+        "i1" => |b| f64::from(b[0] as i8),
+        "i2" => |b| f64::from(i16::from_le_bytes(b.try_into().unwrap_or_default())),
+        "i4" => |b| f64::from(i32::from_le_bytes(b.try_into().unwrap_or_default())),
+        "i8" => |b| i64::from_le_bytes(b.try_into().unwrap_or_default()) as f64,
+        "u1" => |b| f64::from(b[0]),
+        "u2" => |b| f64::from(u16::from_le_bytes(b.try_into().unwrap_or_default())),
+        "u4" => |b| f64::from(u32::from_le_bytes(b.try_into().unwrap_or_default())),
+        "u8" => |b| u64::from_le_bytes(b.try_into().unwrap_or_default()) as f64,
+        _ => return Err(unknown()),
+    };
+    let width = usize::from(kind.as_bytes()[1] - b'0');
+    let most = (data.len() / width) as u64;
+    let count = shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d));
+    let Some(count) = count.filter(|&n| n <= most) else {
+        return Err(FormatError::Count {
+            path: path.to_owned(),
+            place: Place::Part(format!("shape {shape:?}")),
+            what: "numbers".to_owned(),
+            found: count.unwrap_or(u64::MAX),
+            most,
+        });
+    };
+    let mut values = Vec::with_capacity(count as usize);
+    for bytes in data.chunks_exact(width).take(count as usize) {
+        let mut little = [0; 8];
+        little[..width].copy_from_slice(bytes);
+        if big {
+            little[..width].reverse();
+        }
+        values.push(number(&little[..width]));
+    }
+    // A dimension of zero lets the others be anything.
+    let shape: Vec<usize> = if count == 0 { vec![0; shape.len()] } else { shape.iter().map(|&d| d as usize).collect() };
+    let values = if column_major { to_row_major(&shape, &values) } else { values };
+    Ok(Array { shape, values, integer: !kind.starts_with('f') })
+}
+
+/// What follows `'key':` in the header, a Python dictionary.
+fn entry<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    let (_, rest) = header.split_once(&format!("'{key}'"))?;
+    Some(rest.trim_start().strip_prefix(':')?.trim_start())
+}
+
+fn to_row_major(shape: &[usize], values: &[f64]) -> Vec<f64> {
+    let mut index = vec![0usize; shape.len()];
+    let mut out = Vec::with_capacity(values.len());
+    for _ in 0..values.len() {
+        let at = index.iter().zip(shape).rev().fold(0, |at, (&i, &d)| at * d + i);
+        out.push(values[at]);
+        for k in (0..shape.len()).rev() {
+            index[k] += 1;
+            if index[k] < shape[k] {
+                break;
+            }
+            index[k] = 0;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A version 1.0 file.
+    pub(crate) fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
+        let order = if fortran { "True" } else { "False" };
+        let mut header = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}");
+        while (10 + header.len() + 1) % 64 != 0 {
+            header.push(' ');
+        }
+        header.push('\n');
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes.extend(data);
+        bytes
+    }
+
+    #[test]
+    fn types_orders_and_shapes() {
+        let path = Path::new("a.npy");
+        let f64s: Vec<u8> = (0..6).flat_map(|i| f64::from(i).to_le_bytes()).collect();
+        let file = parse(path, &npy("<f8", false, "(2, 3)", &f64s)).unwrap();
+        assert_eq!(file.cloud.points[1].coords, nalgebra::Vector3::new(3.0, 4.0, 5.0));
+        let file = parse(path, &npy("<f8", true, "(2, 3)", &f64s)).unwrap();
+        assert_eq!(file.cloud.points[1].coords, nalgebra::Vector3::new(1.0, 3.0, 5.0));
+        let big: Vec<u8> = (0..6).flat_map(|i| (i as f32).to_be_bytes()).collect();
+        let file = parse(path, &npy(">f4", false, "(1, 6)", &big)).unwrap();
+        assert_eq!(file.cloud.normals[0], nalgebra::Vector3::new(3.0, 4.0, 5.0));
+        let file = parse(path, &npy("<f8", false, "(2, 1, 3)", &f64s)).unwrap();
+        assert_eq!(file.grid, Some(super::super::Grid { width: 1, height: 2, pixels: vec![0, 1] }));
+    }
+
+    #[test]
+    fn errors_name_place_found_and_expected() {
+        let text = |bytes: &[u8]| parse(Path::new("a.npy"), bytes).expect_err("must fail").to_string();
+        assert!(text(&npy("<f8", false, "(1000000000000, 3)", &[])).contains("3000000000000 numbers declared"));
+        assert!(text(&npy("<f8", false, "(18446744073709551615, 18446744073709551615, 3)", &[])).contains("declared"));
+        assert!(text(&npy("<f8", false, "(2, 2)", &[0; 32])).contains("expected (N, 3)"));
+        assert!(text(&npy("<U8", false, "(1, 3)", &[0; 96])).contains("header"));
+        assert!(text(b"not numpy").contains("header"));
+        assert!(text(&npy("<f8", false, "(0, 3)", &[])).contains("expected (N, 3)"));
+    }
+}
