@@ -20,6 +20,7 @@ pub mod neighbors;
 pub mod normals;
 pub mod planner;
 pub mod rng;
+pub mod sampling;
 pub mod view;
 
 pub use boundary::{BoundaryConfig, boundary_points};
