@@ -74,16 +74,27 @@ impl DepthImage {
 
     /// World points of all pixels with a return, in row-major order.
     pub fn to_points(&self, camera: &PinholeCamera, world_from_camera: &Isometry3<f64>) -> Vec<Point3<f64>> {
+        let mut points = Vec::new();
+        self.for_each_point(camera, world_from_camera, |p| points.push(p));
+        points
+    }
+
+    /// Calls `visit` with each of the points of [`DepthImage::to_points`], in their order.
+    pub fn for_each_point(
+        &self,
+        camera: &PinholeCamera,
+        world_from_camera: &Isometry3<f64>,
+        mut visit: impl FnMut(Point3<f64>),
+    ) {
+        let rotation = world_from_camera.rotation.to_rotation_matrix();
+        let center = Point3::from(world_from_camera.translation.vector);
         let columns = self.size[0] as usize;
-        self.depth
-            .iter()
-            .enumerate()
-            .filter(|&(_, &z)| z > 0.0)
-            .map(|(i, &z)| {
-                let column = f64::from(self.origin[0]) + (i % columns) as f64;
-                let row = f64::from(self.origin[1]) + (i / columns) as f64;
-                world_from_camera * camera.unproject(column, row, f64::from(z))
-            })
-            .collect()
+        for (row, depths) in self.depth.chunks_exact(columns.max(1)).enumerate() {
+            let row = f64::from(self.origin[1]) + row as f64;
+            for (column, &z) in depths.iter().enumerate().filter(|&(_, &z)| z > 0.0) {
+                let column = f64::from(self.origin[0]) + column as f64;
+                visit(center + rotation * camera.unproject(column, row, f64::from(z)).coords);
+            }
+        }
     }
 }

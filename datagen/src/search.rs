@@ -1,0 +1,192 @@
+//! The model-based search BENBV: every candidate view is scanned in the simulator and scored.
+
+use crate::episode::{Accumulate, EpisodeConfig, reference_surface};
+use crate::scene::{RenderConfig, RenderScratch, Scene};
+use geometry::candidates::candidate_views_among;
+use geometry::coverage::share_within;
+use geometry::{
+    CandidateConfig, CandidateView, NeighborGrid, Planner, PointCloud, RankedView, ScanState, View, ViewScore,
+    score_view,
+};
+use nalgebra::Point3;
+use rand_chacha::ChaCha8Rng;
+
+/// Settings of the search.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SearchConfig {
+    /// The candidate views.
+    pub candidates: CandidateConfig,
+    /// How the search imagines a scan: the simulator, without noise.
+    pub render: RenderConfig,
+    /// What the cloud consists of.
+    pub accumulate: Accumulate,
+}
+
+impl SearchConfig {
+    /// As published.
+    pub fn paper() -> Self {
+        Self::of(&EpisodeConfig::paper(), CandidateConfig::paper())
+    }
+
+    /// The search that imagines what the episode's simulator will measure, but for its noise.
+    pub fn of(episode: &EpisodeConfig, candidates: CandidateConfig) -> Self {
+        let render = RenderConfig { noise: None, ..episode.render.clone() };
+        Self { candidates, render, accumulate: episode.accumulate }
+    }
+}
+
+/// The candidates of a decision with their scores.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ScoredViews {
+    /// In the order of the greedy traversal.
+    pub candidates: Vec<CandidateView>,
+    /// One per candidate.
+    pub scores: Vec<ViewScore>,
+    /// Coverage before the decision.
+    pub current_coverage: f64,
+}
+
+/// The policy `benbv`: knows the object. `samples` are its 60,000 surface samples, not yet averaged.
+pub struct SearchPlanner<'a> {
+    scene: &'a Scene,
+    samples: &'a [Point3<f64>],
+    config: SearchConfig,
+    reference: Vec<Point3<f64>>,
+    grid_size: f64,
+    last: ScoredViews,
+}
+
+impl<'a> SearchPlanner<'a> {
+    /// A search in this scene.
+    pub fn new(scene: &'a Scene, samples: &'a [Point3<f64>], config: SearchConfig) -> Self {
+        Self { scene, samples, config, reference: Vec::new(), grid_size: 0.0, last: ScoredViews::default() }
+    }
+
+    /// The candidates of the last decision and their scores.
+    pub fn last_decision(&self) -> &ScoredViews {
+        &self.last
+    }
+}
+
+impl Planner for SearchPlanner<'_> {
+    fn name(&self) -> &str {
+        "benbv"
+    }
+
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        if self.reference.is_empty() || self.grid_size != state.grid_size {
+            self.reference = reference_surface(self.samples, state.grid_size, self.config.accumulate);
+            self.grid_size = state.grid_size;
+        }
+        let candidates = &self.config.candidates;
+        let grid = NeighborGrid::new(&state.cloud.points, 2.0 * state.grid_size);
+        let neighborhoods = grid.neighborhoods(state.cloud.len(), candidates.boundary.neighbors);
+        let candidates =
+            candidate_views_among(&state.cloud, &neighborhoods, state.working_distance, candidates, rng);
+        let views: Vec<View> = candidates.iter().map(|c| c.view).collect();
+        let (current_coverage, scores) =
+            score_views_among(self.scene, &self.reference, state, &grid, &views, &self.config);
+        self.last = ScoredViews { candidates, scores, current_coverage };
+        self.last.ranked()
+    }
+
+    fn reset(&mut self) {
+        self.reference.clear();
+        self.last = ScoredViews::default();
+    }
+}
+
+impl ScoredViews {
+    /// Views by falling score; ties keep the order of the candidates.
+    pub fn ranked(&self) -> Vec<RankedView> {
+        let mut ranked: Vec<RankedView> = self
+            .candidates
+            .iter()
+            .zip(&self.scores)
+            .map(|(candidate, score)| RankedView {
+                view: candidate.view,
+                score: score.score,
+                gain: Some(score.coverage - self.current_coverage),
+                overlap: score.overlap,
+            })
+            .collect();
+        ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
+        ranked
+    }
+}
+
+/// Coverage before the scan, and what each view would bring. `reference` is the voxel-averaged surface.
+///
+/// With [`Accumulate::Measured`] the coverage after a view is that of the cloud and the raw scan together, which is
+/// 0.1 to 0.2 points above that of the voxel-averaged cloud; with [`Accumulate::Matched`] the scan is merged and
+/// averaged for every view, as published.
+pub fn score_views(
+    scene: &Scene,
+    reference: &[Point3<f64>],
+    state: &ScanState,
+    views: &[View],
+    config: &SearchConfig,
+) -> (f64, Vec<ViewScore>) {
+    let grid = NeighborGrid::new(&state.cloud.points, 2.0 * state.grid_size);
+    score_views_among(scene, reference, state, &grid, views, config)
+}
+
+/// [`score_views`] where the grid of the cloud is already there.
+fn score_views_among(
+    scene: &Scene,
+    reference: &[Point3<f64>],
+    state: &ScanState,
+    grid: &NeighborGrid,
+    views: &[View],
+    config: &SearchConfig,
+) -> (f64, Vec<ViewScore>) {
+    let tolerance = state.tolerance;
+    let total = reference.len().max(1) as f64;
+    let uncovered: Vec<Point3<f64>> = match config.accumulate {
+        Accumulate::Measured => reference.iter().copied().filter(|p| !grid.any_within(p, tolerance)).collect(),
+        Accumulate::Matched => Vec::new(),
+    };
+    let current = match config.accumulate {
+        Accumulate::Measured => 1.0 - uncovered.len() as f64 / total,
+        Accumulate::Matched => state.cloud.len() as f64 / total,
+    };
+    let uncovered_grid = NeighborGrid::new(&uncovered, 2.0 * tolerance);
+    let mut newly_covered = vec![usize::MAX; uncovered.len()];
+    let mut scratch = RenderScratch::default();
+    let mut scan = PointCloud::default();
+    let scores = views.iter().enumerate().map(|(i, view)| {
+        scan.points.clear();
+        if view.is_valid() {
+            let world_from_camera = view.world_from_camera();
+            let image = scene.render(&state.camera, &world_from_camera, &config.render, &mut scratch);
+            image.for_each_point(&state.camera, &world_from_camera, |p| scan.points.push(p));
+        }
+        let overlap = share_within(&scan.points, grid, tolerance);
+        let coverage = match config.accumulate {
+            Accumulate::Measured => {
+                let mut gained = 0;
+                for p in &scan.points {
+                    uncovered_grid.for_each_within(p, tolerance, |j| {
+                        gained += usize::from(newly_covered[j] != i);
+                        newly_covered[j] = i;
+                    });
+                }
+                1.0 - (uncovered.len() - gained) as f64 / total
+            }
+            Accumulate::Matched if scan.is_empty() => current,
+            Accumulate::Matched => {
+                let mut merged = state.cloud.points.clone();
+                merged.extend_from_slice(&scan.points);
+                let merged = PointCloud { points: merged, normals: Vec::new() }
+                    .voxel_downsample(state.grid_size, config.accumulate.voxel_origin());
+                geometry::coverage(&merged.points, reference, tolerance)
+            }
+        };
+        score_view(coverage, overlap, current)
+    });
+    (current, scores.collect())
+}
+
+#[cfg(test)]
+mod tests;
