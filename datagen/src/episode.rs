@@ -306,7 +306,10 @@ pub fn run_episode_with<P: Planner + ?Sized>(
         let clock = Instant::now();
         let ranked = planner.rank_views(&state, rng);
         episode.decision_seconds.push(clock.elapsed().as_secs_f64());
-        observe(planner, &Decision { index, state: &state, ranked: &ranked, reference: &reference, current_coverage: current });
+        observe(
+            planner,
+            &Decision { index, state: &state, ranked: &ranked, reference: &reference, current_coverage: current },
+        );
         let Some(view) = ranked.first().map(|r| r.view) else {
             episode.end = End::NoView;
             break;
@@ -371,11 +374,7 @@ struct Start {
     void_draws: usize,
 }
 
-fn first_scan(
-    simulator: &mut Simulator,
-    samples: &[Point3<f64>],
-    rng: &mut ChaCha8Rng,
-) -> Result<Start, VoidEpisode> {
+fn first_scan(simulator: &mut Simulator, samples: &[Point3<f64>], rng: &mut ChaCha8Rng) -> Result<Start, VoidEpisode> {
     let config = simulator.config;
     let (mut most_points, mut best_coverage) = (0, 0f64);
     for void_draws in 0..config.max_draws {
@@ -387,8 +386,7 @@ fn first_scan(
         }
         let grid_size = mean_spacing(&scan.points);
         let reference = reference_surface(samples, grid_size, config.accumulate);
-        let (cloud, current) =
-            first_cloud(config.accumulate, &scan, &reference, grid_size, config.tolerance_m);
+        let (cloud, current) = first_cloud(config.accumulate, &scan, &reference, grid_size, config.tolerance_m);
         best_coverage = best_coverage.max(current);
         // As published: a scan with more points than the reference is void too.
         if current < config.min_first_coverage || scan.len() > reference.len() {
@@ -403,7 +401,11 @@ fn first_scan(
             tolerance: config.tolerance_m,
             camera: config.image.camera(),
         };
-        return Ok(Start { view, first: FirstScan { points: scan.len(), past, state, reference, current }, void_draws });
+        return Ok(Start {
+            view,
+            first: FirstScan { points: scan.len(), past, state, reference, current },
+            void_draws,
+        });
     }
     Err(VoidEpisode {
         draws: config.max_draws,
@@ -423,7 +425,9 @@ fn first_cloud(
     tolerance: f64,
 ) -> (PointCloud, f64) {
     match accumulate {
-        Accumulate::Measured => accumulate.add(&PointCloud { points: vec![], normals: vec![] }, scan, reference, grid_size, tolerance),
+        Accumulate::Measured => {
+            accumulate.add(&PointCloud { points: vec![], normals: vec![] }, scan, reference, grid_size, tolerance)
+        }
         Accumulate::Matched => {
             let matched = matched_surface(scan, reference, tolerance);
             let covered = matched.len() as f64 / reference.len().max(1) as f64;

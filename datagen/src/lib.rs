@@ -1,7 +1,13 @@
 //! Simulated scanning and the model-based BENBV search.
 
+pub mod episode;
 pub mod noise;
 pub mod scene;
+pub mod search;
+#[cfg(test)]
+mod testing;
 
+pub use episode::{Accumulate, Decision, End, Episode, EpisodeConfig, VoidEpisode, run_episode, run_episode_with};
 pub use noise::NoiseConfig;
 pub use scene::{RenderConfig, RenderScratch, Renderer, Scene};
+pub use search::{ScoredViews, SearchConfig, SearchPlanner, score_views};

@@ -82,8 +82,7 @@ impl Planner for SearchPlanner<'_> {
         let candidates = &self.config.candidates;
         let grid = NeighborGrid::new(&state.cloud.points, 2.0 * state.grid_size);
         let neighborhoods = grid.neighborhoods(state.cloud.len(), candidates.boundary.neighbors);
-        let candidates =
-            candidate_views_among(&state.cloud, &neighborhoods, state.working_distance, candidates, rng);
+        let candidates = candidate_views_among(&state.cloud, &neighborhoods, state.working_distance, candidates, rng);
         let views: Vec<View> = candidates.iter().map(|c| c.view).collect();
         let (current_coverage, scores) =
             score_views_among(self.scene, &self.reference, state, &grid, &views, &self.config);

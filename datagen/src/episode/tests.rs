@@ -1,0 +1,131 @@
+use super::*;
+use crate::search::{SearchConfig, SearchPlanner};
+use crate::testing::{ball, ball_samples};
+use geometry::rng::stream;
+
+/// Offers the same views again and again.
+struct Fixed(Vec<View>);
+
+impl Planner for Fixed {
+    fn name(&self) -> &str {
+        "fixed"
+    }
+
+    fn rank_views(&mut self, _: &ScanState, _: &mut ChaCha8Rng) -> Vec<RankedView> {
+        self.0.iter().map(|&view| RankedView { view, score: 0.0, gain: None, overlap: None }).collect()
+    }
+}
+
+fn short(config: EpisodeConfig) -> EpisodeConfig {
+    EpisodeConfig { num_views: 6, ..config }
+}
+
+#[test]
+fn the_search_covers_a_ball_and_repeats() {
+    let scene = Scene::new(ball());
+    let samples = ball_samples();
+    for config in [EpisodeConfig::default(), EpisodeConfig::paper()].map(short) {
+        let run = || {
+            let mut planner = SearchPlanner::new(&scene, &samples, SearchConfig::of(&config, Default::default()));
+            run_episode(&scene, &samples, &mut planner, &config, &mut stream(1, "episode")).unwrap()
+        };
+        let episode = run();
+        assert!(episode.final_coverage() > 0.9, "{:?}", episode.coverages);
+        assert!(episode.coverages.windows(2).all(|w| w[1] > w[0] - 1e-3), "{:?}", episode.coverages);
+        assert_eq!(episode.views.len(), episode.coverages.len());
+        assert_eq!(episode.overlaps.len() + 1, episode.views.len());
+        assert!(episode.distances.chamfer < 0.001 && episode.distances.hausdorff < 0.05, "{:?}", episode.distances);
+        assert_eq!(episode, run(), "same seed, same episode");
+    }
+}
+
+#[test]
+fn threads_do_not_change_an_episode() {
+    let scene = Scene::new(ball());
+    let samples = ball_samples();
+    let config = short(EpisodeConfig::default());
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut planner = SearchPlanner::new(&scene, &samples, SearchConfig::of(&config, Default::default()));
+            run_episode(&scene, &samples, &mut planner, &config, &mut stream(2, "episode")).unwrap()
+        })
+    };
+    assert_eq!(run(1), run(2));
+}
+
+#[test]
+fn the_same_view_again_adds_nothing_and_overlaps_wholly() {
+    let scene = Scene::new(ball());
+    let samples = ball_samples();
+    let config = short(EpisodeConfig::default());
+    let view = initial_view(&config, &mut {
+        let mut rng = stream(3, "episode");
+        let _: u64 = rng.r#gen();
+        rng
+    });
+    let mut decisions = Vec::new();
+    let episode = run_episode_with(
+        &scene,
+        &samples,
+        &mut Fixed(vec![view]),
+        &config,
+        &mut stream(3, "episode"),
+        |planner, decision| {
+            assert_eq!(planner.name(), "fixed");
+            assert_eq!(decision.state.num_scans, decision.index + 1);
+            assert_eq!(decision.state.scans.len(), decision.index + 1);
+            decisions.push(decision.current_coverage);
+        },
+    )
+    .unwrap();
+    assert_eq!(episode.views, vec![view; 7]);
+    assert_eq!(decisions, episode.coverages[..6]);
+    assert!(episode.overlaps.iter().all(|o| o.unwrap() > 0.999), "{:?}", episode.overlaps);
+    assert!(episode.final_coverage() < 0.5);
+    assert_eq!(episode.views_to(0.9), None);
+    assert_eq!(episode.coverage_after(100), episode.final_coverage());
+}
+
+#[test]
+fn empty_scans_use_up_a_step_and_no_view_ends() {
+    let scene = Scene::new(ball());
+    let samples = ball_samples();
+    let config = short(EpisodeConfig::default());
+    let away = View { target: Point3::new(5.0, 0.0, 0.0), position: Point3::new(1.0, 0.0, 0.0) };
+    let nowhere = View { target: Point3::origin(), position: Point3::origin() };
+    for view in [away, nowhere] {
+        let episode =
+            run_episode(&scene, &samples, &mut Fixed(vec![view]), &config, &mut stream(4, "episode")).unwrap();
+        assert_eq!(episode.overlaps, vec![None; 6]);
+        assert!(episode.coverages.iter().all(|&c| c == episode.coverages[0]));
+        assert_eq!(episode.end, End::AllViews);
+    }
+    let ended = run_episode(&scene, &samples, &mut Fixed(vec![]), &config, &mut stream(4, "episode")).unwrap();
+    assert_eq!((ended.end, ended.views.len(), ended.overlaps.len()), (End::NoView, 1, 0));
+}
+
+#[test]
+fn an_object_that_is_not_seen_is_void_and_says_so() {
+    let config = EpisodeConfig { max_draws: 4, ..EpisodeConfig::default() };
+    let void = run_episode(
+        &Scene::new(ball().normalized(0.001)),
+        &ball_samples(),
+        &mut Fixed(vec![]),
+        &config,
+        &mut stream(5, "episode"),
+    )
+    .unwrap_err();
+    assert_eq!(void.draws, 4);
+    assert!(void.to_string().contains("wanted 50"), "{void}");
+    assert!(
+        run_episode(&Scene::new(Default::default()), &[], &mut Fixed(vec![]), &config, &mut stream(5, "e")).is_err()
+    );
+}
+
+#[test]
+fn configurations_refuse_unknown_keys() {
+    let text = toml::to_string(&EpisodeConfig::paper()).unwrap();
+    assert_eq!(toml::from_str::<EpisodeConfig>(&text).unwrap(), EpisodeConfig::paper());
+    assert!(toml::from_str::<EpisodeConfig>("working_distance = 1.0").is_err());
+}
