@@ -173,7 +173,30 @@ fn quantize(depth: &mut [f32], quantum: f64) {
     }
 }
 
+/// Whether the directed edges cancel in a hashed sum: false for all but some one in 2^64 open or inconsistent
+/// meshes, at a twentieth of the time of the exact test.
+fn edges_cancel(mesh: &Mesh) -> bool {
+    let mix = |x: u64| {
+        let x = (x ^ (x >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (x ^ (x >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9)
+    };
+    let hash = |v: &Point3<f64>| [v.x, v.y, v.z].iter().fold(1, |h, x| mix(h ^ (x + 0.0).to_bits()));
+    let hashes: Vec<u64> = mesh.vertices.iter().map(hash).collect();
+    let mut sum = 0u64;
+    for t in &mesh.triangles {
+        let [a, b, c] = t.map(|i| hashes[i as usize]);
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let edge = mix(from.min(to).rotate_left(21) ^ from.max(to));
+            sum = if from < to { sum.wrapping_add(edge) } else { sum.wrapping_sub(edge) };
+        }
+    }
+    sum == 0
+}
+
 fn is_solid(mesh: &Mesh) -> bool {
+    if !edges_cancel(mesh) {
+        return false;
+    }
     // Corners that differ only in their normals are one vertex here.
     let mut ids = HashMap::with_capacity(mesh.vertices.len());
     let welded: Vec<u32> = mesh

@@ -66,17 +66,18 @@ fn eliminate(samples: &[Point3<f64>], count: usize, radius: f64) -> Vec<bool> {
     let influence = |i: usize, sign: f32, weight: &mut [f32]| {
         let (x, y, z) = (grid.xyz[0][i], grid.xyz[1][i], grid.xyz[2][i]);
         let per_reach = (1.0 / reach) as f32;
-        for range in grid.rows(i) {
+        grid.for_rows(i, |range| {
             let (xs, ys, zs) = (&grid.xyz[0][range.clone()], &grid.xyz[1][range.clone()], &grid.xyz[2][range.clone()]);
-            let weights = &mut weight[range];
-            for j in 0..weights.len() {
-                let (dx, dy, dz) = (xs[j] - x, ys[j] - y, zs[j] - z);
+            for (((w, xj), yj), zj) in weight[range].iter_mut().zip(xs).zip(ys).zip(zs) {
+                let (dx, dy, dz) = (xj - x, yj - y, zj - z);
                 let distance = (dx * dx + dy * dy + dz * dz).sqrt();
-                let t = (1.0 - distance.max(nearest) * per_reach).max(0.0);
+                let clamped = if distance > nearest { distance } else { nearest };
+                let t = 1.0 - clamped * per_reach;
+                let t = if t > 0.0 { t } else { 0.0 };
                 let t4 = (t * t) * (t * t);
-                weights[j] += sign * (t4 * t4);
+                *w += sign * (t4 * t4);
             }
-        }
+        });
     };
     // A sample's influence on itself is the same for all and changes no order.
     let mut weight = vec![0.0; n];
@@ -147,18 +148,21 @@ impl CellOrder {
         Self { cells, start, cell, sample, xyz }
     }
 
-    /// The slices of points in the 27 cells around a point, nine at most.
-    fn rows(&self, i: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+    /// Calls `visit` with the slices of points in the 27 cells around a point, nine at most.
+    fn for_rows(&self, i: usize, mut visit: impl FnMut(std::ops::Range<usize>)) {
         let [nx, ny, nz] = self.cells;
         let cell = self.cell[i] as usize;
         let (x, y, z) = (cell % nx, cell / nx % ny, cell / (nx * ny));
         let (x_first, x_last) = (x.saturating_sub(1), (x + 1).min(nx - 1));
-        (z.saturating_sub(1)..=(z + 1).min(nz - 1)).flat_map(move |z| {
-            (y.saturating_sub(1)..=(y + 1).min(ny - 1)).map(move |y| {
+        for z in z.saturating_sub(1)..(z + 2).min(nz) {
+            for y in y.saturating_sub(1)..(y + 2).min(ny) {
                 let row = (z * ny + y) * nx;
-                self.start[row + x_first] as usize..self.start[row + x_last + 1] as usize
-            })
-        })
+                let range = self.start[row + x_first] as usize..self.start[row + x_last + 1] as usize;
+                if !range.is_empty() {
+                    visit(range);
+                }
+            }
+        }
     }
 }
 
@@ -186,8 +190,12 @@ mod tests {
         let grid = CellOrder::new(points, reach);
         let at = |i: usize| Vector3::new(grid.xyz[0][i], grid.xyz[1][i], grid.xyz[2][i]);
         let nearest = |i: usize| {
-            let others = grid.rows(i).flatten().filter(|&j| j != i);
-            others.map(|j| f64::from((at(i) - at(j)).norm())).fold(f64::MAX, f64::min)
+            let mut nearest = f64::MAX;
+            grid.for_rows(i, |range| {
+                let others = range.filter(|&j| j != i).map(|j| f64::from((at(i) - at(j)).norm()));
+                nearest = others.fold(nearest, f64::min);
+            });
+            nearest
         };
         let mut spacings: Vec<f64> = (0..points.len()).map(nearest).collect();
         spacings.sort_by(f64::total_cmp);

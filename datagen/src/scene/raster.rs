@@ -7,6 +7,8 @@ use nalgebra::{Isometry3, Point3};
 
 /// Vertices are processed in groups of this many, so that the compiler can use vector registers.
 const LANES: usize = 8;
+/// Triangles are tested in groups of this many.
+const GROUP: usize = 512;
 /// Beyond this many pixels from the principal point f32 screen coordinates are too coarse.
 const MAX_OFFSET: f32 = 16_384.0;
 
@@ -64,50 +66,80 @@ impl RasterMesh {
         out.low = out.base.map(|b| -b - 1);
         let size = [camera.width, camera.height].map(|s| s.min(65_534) as f32);
         let low = out.low.map(|l| l as f32);
-
         let n = self.xyz[0].len();
         for buffer in [&mut out.u, &mut out.v, &mut out.inverse_depth] {
             buffer.resize(n, 0.0);
         }
         out.cell.resize(n, 0);
-        let (mut u_low, mut u_high) = ([f32::MAX; LANES], [f32::MIN; LANES]);
-        let (mut v_low, mut v_high) = ([f32::MAX; LANES], [f32::MIN; LANES]);
-        let (mut z_low, mut z_high) = ([f32::MAX; LANES], [f32::MIN; LANES]);
-        let [xs, ys, zs] = &self.xyz;
-        let input = xs.chunks_exact(LANES).zip(ys.chunks_exact(LANES)).zip(zs.chunks_exact(LANES));
-        let output = out.u.chunks_exact_mut(LANES).zip(out.v.chunks_exact_mut(LANES));
-        let output = output.zip(out.inverse_depth.chunks_exact_mut(LANES)).zip(out.cell.chunks_exact_mut(LANES));
-        for (((x, y), z), (((us, vs), ws), cells)) in input.zip(output) {
-            for l in 0..LANES {
-                let depth = m[2][0] * x[l] + m[2][1] * y[l] + m[2][2] * z[l] + m[2][3];
-                let w = 1.0 / depth;
-                let u = (m[0][0] * x[l] + m[0][1] * y[l] + m[0][2] * z[l] + m[0][3]) * w + fraction[0];
-                let v = (m[1][0] * x[l] + m[1][1] * y[l] + m[1][2] * z[l] + m[1][3]) * w + fraction[1];
-                us[l] = u;
-                vs[l] = v;
-                ws[l] = w;
-                let cell_u = floor(select_min(select_max(u, low[0]), low[0] + size[0])) - low[0];
-                let cell_v = floor(select_min(select_max(v, low[1]), low[1] + size[1])) - low[1];
-                cells[l] = (whole(cell_u) << 16) | whole(cell_v);
-                u_low[l] = select_min(u_low[l], u);
-                u_high[l] = select_max(u_high[l], u);
-                v_low[l] = select_min(v_low[l], v);
-                v_high[l] = select_max(v_high[l], v);
-                z_low[l] = select_min(z_low[l], depth);
-                z_high[l] = select_max(z_high[l], depth);
-            }
-        }
-        let least = |lanes: [f32; LANES]| lanes.into_iter().fold(f32::MAX, f32::min);
-        let most = |lanes: [f32; LANES]| lanes.into_iter().fold(f32::MIN, f32::max);
-        let (extent_u, extent_v) = ([least(u_low), most(u_high)], [least(v_low), most(v_high)]);
-        out.smallest_inverse_depth = 1.0 / most(z_high);
+        let screen = Screen { matrix: m, fraction, low, size };
+        let [extent_u, extent_v, [nearest, farthest]] = project_best(&self.xyz, &screen, out);
+        out.smallest_inverse_depth = 1.0 / farthest;
         let cell = |x: f32, k: usize| (x.max(low[k]).min(low[k] + size[k]).floor() - low[k]) as u32;
         out.cells = [extent_u.map(|x| cell(x, 0)), extent_v.map(|x| cell(x, 1))];
-        least(z_low) >= near
+        nearest >= near
             && [extent_u, extent_v].iter().flatten().all(|x| x.abs() <= MAX_OFFSET)
             && low.iter().all(|l| l.abs() <= MAX_OFFSET)
             && camera.width.max(camera.height) < 65_534
     }
+}
+
+/// Where local coordinates come on the screen.
+struct Screen {
+    /// Rows: focal length times x, focal length times y, depth.
+    matrix: [[f32; 4]; 3],
+    fraction: [f32; 2],
+    low: [f32; 2],
+    size: [f32; 2],
+}
+
+/// [`project_all`] with the widest vector registers there are; the same bits with any.
+fn project_best(xyz: &[Vec<f32>; 3], screen: &Screen, out: &mut Projection) -> [[f32; 2]; 3] {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn project_avx2(xyz: &[Vec<f32>; 3], screen: &Screen, out: &mut Projection) -> [[f32; 2]; 3] {
+            project_all(xyz, screen, out)
+        }
+        if std::is_x86_feature_detected!("avx2") {
+            // SAFETY: the CPU has AVX2.
+            return unsafe { project_avx2(xyz, screen, out) };
+        }
+    }
+    project_all(xyz, screen, out)
+}
+
+/// Fills the vertices of `out`; smallest and largest u, v and depth.
+#[inline(always)]
+fn project_all(xyz: &[Vec<f32>; 3], screen: &Screen, out: &mut Projection) -> [[f32; 2]; 3] {
+    let [m0, m1, m2] = screen.matrix;
+    let (mut low, mut high) = ([[f32::MAX; LANES]; 3], [[f32::MIN; LANES]; 3]);
+    let [xs, ys, zs] = xyz.each_ref().map(|axis| axis.as_chunks::<LANES>().0);
+    let us = out.u.as_chunks_mut::<LANES>().0;
+    let vs = out.v.as_chunks_mut::<LANES>().0;
+    let ws = out.inverse_depth.as_chunks_mut::<LANES>().0;
+    let cells = out.cell.as_chunks_mut::<LANES>().0;
+    let vertices = xs.iter().zip(ys).zip(zs).zip(us.iter_mut().zip(vs).zip(ws.iter_mut().zip(cells)));
+    for (((x, y), z), ((us, vs), (ws, cells))) in vertices {
+        let depth: [f32; LANES] = std::array::from_fn(|l| m2[0] * x[l] + m2[1] * y[l] + m2[2] * z[l] + m2[3]);
+        let w: [f32; LANES] = std::array::from_fn(|l| 1.0 / depth[l]);
+        let u: [f32; LANES] =
+            std::array::from_fn(|l| (m0[0] * x[l] + m0[1] * y[l] + m0[2] * z[l] + m0[3]) * w[l] + screen.fraction[0]);
+        let v: [f32; LANES] =
+            std::array::from_fn(|l| (m1[0] * x[l] + m1[1] * y[l] + m1[2] * z[l] + m1[3]) * w[l] + screen.fraction[1]);
+        let cell = |x: f32, k: usize| {
+            let low = screen.low[k];
+            whole(floor(select_min(select_max(x, low), low + screen.size[k])) - low)
+        };
+        *cells = std::array::from_fn(|l| (cell(u[l], 0) << 16) | cell(v[l], 1));
+        for (k, values) in [&u, &v, &depth].into_iter().enumerate() {
+            for l in 0..LANES {
+                low[k][l] = select_min(low[k][l], values[l]);
+                high[k][l] = select_max(high[k][l], values[l]);
+            }
+        }
+        (*us, *vs, *ws) = (u, v, w);
+    }
+    std::array::from_fn(|k| [low[k].into_iter().fold(f32::MAX, f32::min), high[k].into_iter().fold(f32::MIN, f32::max)])
 }
 
 impl Projection {
@@ -135,14 +167,19 @@ pub(super) fn fill(projection: &Projection, triangles: &[[u32; 3]], cull: bool, 
         return;
     }
     let cell = &projection.cell[..];
-    for t in triangles {
-        let [a, b, c] = t.map(|i| cell[i as usize]);
-        // A box without pixel centre in it: all corners share a column or a row of cells.
-        let differ = (a ^ b) | (a ^ c);
-        if differ >> 16 == 0 || differ & 0xffff == 0 {
-            continue;
+    // In groups, first which of them and then those: the test stays free of mispredicted branches.
+    for group in triangles.chunks(GROUP) {
+        let (mut chosen, mut count) = ([0u16; GROUP], 0);
+        for (i, t) in group.iter().enumerate() {
+            let [a, b, c] = t.map(|i| cell[i as usize]);
+            // A box without pixel centre in it: all corners share a column or a row of cells.
+            let differ = (a ^ b) | (a ^ c);
+            chosen[count] = i as u16;
+            count += usize::from((differ > 0xffff) & (differ & 0xffff != 0));
         }
-        fill_triangle(projection, *t, [a, b, c], cull, image);
+        for &i in &chosen[..count] {
+            fill_triangle(projection, group[i as usize], cull, image);
+        }
     }
     for w in &mut image.depth {
         *w = if *w > 0.0 { 1.0 / *w } else { 0.0 };
@@ -150,7 +187,8 @@ pub(super) fn fill(projection: &Projection, triangles: &[[u32; 3]], cull: bool, 
 }
 
 /// Adds the triangle's inverse depths to the buffer, where they are largest.
-fn fill_triangle(projection: &Projection, t: [u32; 3], cells: [u32; 3], cull: bool, image: &mut DepthImage) {
+fn fill_triangle(projection: &Projection, t: [u32; 3], cull: bool, image: &mut DepthImage) {
+    let cells = t.map(|i| projection.cell[i as usize]);
     // f64 on f32 values: products are exact, so that an edge has opposite values for its two triangles and no
     // crack opens between them.
     let corner = |k: usize| {
@@ -166,11 +204,9 @@ fn fill_triangle(projection: &Projection, t: [u32; 3], cells: [u32; 3], cull: bo
     let sign = area.signum();
     let edge = |u0: f64, v0: f64, u1: f64, v1: f64| [sign * (v0 - v1), sign * (u1 - u0), sign * (u0 * v1 - u1 * v0)];
     let (ea, eb, ec) = (edge(ub, vb, uc, vc), edge(uc, vc, ua, va), edge(ua, va, ub, vb));
-    let per_area = 1.0 / area.abs();
-    let (w_low, w_high) = (wa.min(wb).min(wc), wa.max(wb).max(wc));
-    let [cu, cv] = [cells.map(|c| c >> 16), cells.map(|c| c & 0xffff)];
-    let range = |c: [u32; 3]| (c[0].min(c[1]).min(c[2]), c[0].max(c[1]).max(c[2]));
-    let ((u_first, u_last), (v_first, v_last)) = (range(cu), range(cv));
+    let first_last = |c: [u32; 3]| (c[0].min(c[1]).min(c[2]), c[0].max(c[1]).max(c[2]));
+    let (u_first, u_last) = first_last(cells.map(|c| c >> 16));
+    let (v_first, v_last) = first_last(cells.map(|c| c & 0xffff));
     for row in v_first..v_last {
         // The pixel after cell `row`, relative to the principal point's whole part.
         let y = f64::from(projection.low[1] + row as i32 + 1);
@@ -179,8 +215,10 @@ fn fill_triangle(projection: &Projection, t: [u32; 3], cells: [u32; 3], cull: bo
         for column in u_first..u_last {
             let x = f64::from(projection.low[0] + column as i32 + 1);
             let (fa, fb, fc) = (ea[0] * x + base_a, eb[0] * x + base_b, ec[0] * x + base_c);
-            if fa >= 0.0 && fb >= 0.0 && fc >= 0.0 {
-                let w = ((fa * wa + fb * wb + fc * wc) * per_area).max(w_low).min(w_high) as f32;
+            if (fa >= 0.0) & (fb >= 0.0) & (fc >= 0.0) {
+                // Clamped, because the weights of a sliver are inexact.
+                let w = (fa * wa + fb * wb + fc * wc) / area.abs();
+                let w = w.max(wa.min(wb).min(wc)).min(wa.max(wb).max(wc)) as f32;
                 let pixel = &mut image.depth[start + (column - image.origin[0]) as usize];
                 *pixel = pixel.max(w);
             }
