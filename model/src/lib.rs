@@ -1,1 +1,21 @@
-//! model
+//! The networks of next-best-view planning: BENBV-Net and its rival PC-NBV, as burn modules.
+//!
+//! The way from a cloud to a score: [`encode`] makes [`NetInput`] from observations (the only way to tensors),
+//! [`BenbvNet`] scores it, [`NetPlanner`] puts both behind [`geometry::Planner`]. [`checkpoint`] keeps weights
+//! with all that is needed to use them; [`published`] speaks the names and layouts of PyTorch.
+//!
+//! In shapes: `B` batch, `N` cloud points, `K` candidates, `C` channels.
+
+pub mod benbv;
+pub mod blocks;
+pub mod checkpoint;
+pub mod config;
+pub mod device;
+pub mod encode;
+pub mod loss;
+pub mod published;
+
+pub use benbv::{BenbvNet, NetInput};
+pub use config::BenbvNetConfig;
+pub use encode::{EncodeConfig, Encoded, Normalisation};
+pub use loss::position_weighted_loss;

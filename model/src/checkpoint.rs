@@ -1,0 +1,241 @@
+//! Checkpoints: a directory with `model.safetensors` (published names) and `checkpoint.toml` (all that is needed to
+//! use and to trace the weights). Written beside its place and renamed, so that a reader sees the old one or the new
+//! one and never half of either.
+
+use crate::encode::EncodeConfig;
+use crate::published::{self, Network, Precision, WeightsError};
+use burn::tensor::Device;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Version of `checkpoint.toml` that this program writes, and the only one it reads.
+pub const SCHEMA_VERSION: u32 = 1;
+/// Name of the weights in a checkpoint directory.
+pub const WEIGHTS: &str = "model.safetensors";
+/// Name of the description in a checkpoint directory.
+pub const DESCRIPTION: &str = "checkpoint.toml";
+
+/// What a checkpoint says of its weights. `C` is the network's configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Checkpoint<C> {
+    /// [`SCHEMA_VERSION`].
+    pub schema_version: u32,
+    /// `benbv-net` or `pc-nbv`.
+    pub kind: String,
+    /// Optimizer steps behind the weights.
+    #[serde(default)]
+    pub step: u64,
+    /// Number format of the weights on disk.
+    #[serde(default)]
+    pub precision: Precision,
+    /// Sizes of the network.
+    pub network: C,
+    /// How observations become its input.
+    #[serde(default)]
+    pub encode: EncodeConfig,
+    /// Where the weights come from: free keys such as `commit`, `config_sha256`, `data`, `seed`, `command`.
+    #[serde(default)]
+    pub provenance: BTreeMap<String, String>,
+}
+
+/// Why a checkpoint cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// A file cannot be read or written.
+    #[error("{file}: {source}")]
+    Io {
+        /// The file.
+        file: String,
+        /// The cause.
+        source: std::io::Error,
+    },
+    /// `checkpoint.toml` is not what it should be.
+    #[error("{file}: {reason}")]
+    Description {
+        /// The file.
+        file: String,
+        /// The cause, with the place.
+        reason: String,
+    },
+    /// The weights do not fit.
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
+}
+
+impl<C> Checkpoint<C> {
+    /// The description of fresh weights of network `N`.
+    pub fn new<N: Network<Config = C>>(network: C, encode: EncodeConfig) -> Self {
+        Self {
+            schema_version: SCHEMA_VERSION,
+            kind: N::KIND.to_string(),
+            step: 0,
+            precision: Precision::F32,
+            network,
+            encode,
+            provenance: BTreeMap::new(),
+        }
+    }
+}
+
+/// Writes the checkpoint to the directory, replacing an older one.
+pub fn save<N: Network>(directory: &Path, net: &N, info: &Checkpoint<N::Config>) -> Result<(), CheckpointError> {
+    save_with(directory, net, info, |_| Ok(()))
+}
+
+/// As [`save`]; `more` may write further files (an optimizer's state) into the directory it is given before that is
+/// put in place as a whole.
+pub fn save_with<N: Network>(
+    directory: &Path,
+    net: &N,
+    info: &Checkpoint<N::Config>,
+    more: impl FnOnce(&Path) -> std::io::Result<()>,
+) -> Result<(), CheckpointError> {
+    let io = |file: &Path, source| CheckpointError::Io { file: file.display().to_string(), source };
+    let parent = match directory.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
+        _ => PathBuf::from("."),
+    };
+    fs::create_dir_all(&parent).map_err(|e| io(&parent, e))?;
+    let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let staging = tempfile::Builder::new()
+        .prefix(&format!(".{name}."))
+        .suffix(".partial")
+        .tempdir_in(&parent)
+        .map_err(|e| io(&parent, e))?;
+    let write = |name: &str, bytes: &[u8]| {
+        let file = staging.path().join(name);
+        fs::write(&file, bytes).map_err(|e| io(&file, e))
+    };
+    write(WEIGHTS, &published::to_safetensors(net, info.precision)?)?;
+    write(DESCRIPTION, describe(info, &directory.join(DESCRIPTION))?.as_bytes())?;
+    more(staging.path()).map_err(|e| io(directory, e))?;
+    sync_files(staging.path()).map_err(|e| io(directory, e))?;
+
+    // A directory cannot be renamed onto another: the old one steps aside first, and comes back on failure.
+    let aside = parent.join(format!(".{name}.old"));
+    if directory.exists() {
+        let _ = fs::remove_dir_all(&aside);
+        fs::rename(directory, &aside).map_err(|e| io(directory, e))?;
+    }
+    let staged = staging.keep();
+    if let Err(error) = fs::rename(&staged, directory) {
+        let _ = fs::rename(&aside, directory);
+        let _ = fs::remove_dir_all(&staged);
+        return Err(io(directory, error));
+    }
+    if let Ok(handle) = fs::File::open(&parent) {
+        let _ = handle.sync_all();
+    }
+    let _ = fs::remove_dir_all(&aside);
+    Ok(())
+}
+
+/// Reads network and description from a checkpoint directory. Where a crash came between the two renames of a save,
+/// the previous checkpoint is taken.
+pub fn load<N: Network>(directory: &Path, device: &Device) -> Result<(N, Checkpoint<N::Config>), CheckpointError> {
+    let directory = &surviving(directory);
+    let info = read_description::<N::Config>(&directory.join(DESCRIPTION))?;
+    let file = directory.join(WEIGHTS);
+    let bytes = fs::read(&file).map_err(|e| CheckpointError::Io { file: file.display().to_string(), source: e })?;
+    let net = build::<N>(&info, &bytes, &directory.join(DESCRIPTION).display().to_string(), &file, device)?;
+    Ok((net, info))
+}
+
+/// As [`load`], from memory: the texts of `checkpoint.toml` and the bytes of `model.safetensors` (embedded weights).
+pub fn load_bytes<N: Network>(
+    description: &str,
+    weights: &[u8],
+    device: &Device,
+) -> Result<(N, Checkpoint<N::Config>), CheckpointError> {
+    let name = "(embedded) checkpoint.toml";
+    let info = parse_description::<N::Config>(description, name)?;
+    let net = build::<N>(&info, weights, name, Path::new("(embedded) model.safetensors"), device)?;
+    Ok((net, info))
+}
+
+/// The kind of network in a checkpoint directory, without reading its weights.
+pub fn kind(directory: &Path) -> Result<String, CheckpointError> {
+    Ok(read_description::<toml::Table>(&surviving(directory).join(DESCRIPTION))?.kind)
+}
+
+/// A network of these sizes with the weights of a `.safetensors`, `.pth` or `.pt` file.
+pub fn import_pytorch<N: Network>(file: &Path, config: &N::Config, device: &Device) -> Result<N, CheckpointError> {
+    let net = N::create(config, device).map_err(|reason| WeightsError::Config { reason })?;
+    let tensors = published::read_file(file)?;
+    Ok(published::apply(net, tensors, &file.display().to_string())?)
+}
+
+/// Writes the weights alone, as a `.safetensors` that PyTorch's `load_state_dict(strict=True)` takes.
+pub fn export_pytorch<N: Network>(net: &N, file: &Path, precision: Precision) -> Result<(), CheckpointError> {
+    let io = |source| CheckpointError::Io { file: file.display().to_string(), source };
+    let bytes = published::to_safetensors(net, precision)?;
+    let parent = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(parent).map_err(io)?;
+    let mut staging = tempfile::NamedTempFile::new_in(parent).map_err(io)?;
+    std::io::Write::write_all(&mut staging, &bytes).map_err(io)?;
+    staging.as_file().sync_all().map_err(io)?;
+    staging.persist(file).map_err(|e| io(e.error))?;
+    Ok(())
+}
+
+fn build<N: Network>(
+    info: &Checkpoint<N::Config>,
+    weights: &[u8],
+    description: &str,
+    file: &Path,
+    device: &Device,
+) -> Result<N, CheckpointError> {
+    let fail = |reason| CheckpointError::Description { file: description.to_string(), reason };
+    if info.kind != N::KIND {
+        return Err(fail(format!("kind = \"{}\": expected a checkpoint of \"{}\"", info.kind, N::KIND)));
+    }
+    let net = N::create(&info.network, device).map_err(|reason| fail(format!("[network] {reason}")))?;
+    let name = file.display().to_string();
+    Ok(published::apply(net, published::read_safetensors(weights, &name)?, &name)?)
+}
+
+fn surviving(directory: &Path) -> PathBuf {
+    let aside = directory.file_name().map(|n| directory.with_file_name(format!(".{}.old", n.to_string_lossy())));
+    match aside {
+        Some(aside) if !directory.exists() && aside.join(DESCRIPTION).exists() => aside,
+        _ => directory.to_path_buf(),
+    }
+}
+
+fn describe<C: Serialize>(info: &Checkpoint<C>, file: &Path) -> Result<String, CheckpointError> {
+    toml::to_string(info)
+        .map_err(|e| CheckpointError::Description { file: file.display().to_string(), reason: e.to_string() })
+}
+
+fn read_description<C: DeserializeOwned>(file: &Path) -> Result<Checkpoint<C>, CheckpointError> {
+    let name = file.display().to_string();
+    let text = fs::read_to_string(file).map_err(|source| CheckpointError::Io { file: name.clone(), source })?;
+    parse_description(&text, &name)
+}
+
+fn parse_description<C: DeserializeOwned>(text: &str, file: &str) -> Result<Checkpoint<C>, CheckpointError> {
+    let fail = |reason| CheckpointError::Description { file: file.to_string(), reason };
+    let table: toml::Table = text.parse().map_err(|e: toml::de::Error| fail(e.to_string()))?;
+    // The version comes first: a newer schema must not be reported as an unknown key.
+    match table.get("schema_version").and_then(toml::Value::as_integer) {
+        Some(version) if version == i64::from(SCHEMA_VERSION) => {}
+        Some(version) => {
+            return Err(fail(format!(
+                "schema_version = {version}: this program reads {SCHEMA_VERSION}; take the program that wrote it"
+            )));
+        }
+        None => return Err(fail(format!("no integer `schema_version`; expected {SCHEMA_VERSION}"))),
+    }
+    toml::from_str(text).map_err(|e| fail(e.to_string()))
+}
+
+fn sync_files(directory: &Path) -> std::io::Result<()> {
+    for entry in fs::read_dir(directory)? {
+        fs::File::open(entry?.path())?.sync_all()?;
+    }
+    fs::File::open(directory)?.sync_all()
+}

@@ -1,0 +1,155 @@
+//! Sizes of BENBV-Net.
+
+use serde::{Deserialize, Serialize};
+
+/// Sizes of [`BenbvNet`](crate::BenbvNet); the default is the published network with 5.4 million parameters
+/// (method, 'Network, layer by layer').
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BenbvNetConfig {
+    /// Points that a cloud is resampled to, N.
+    pub points: usize,
+    /// Candidates in a training batch, K; fewer are padded and masked. Inference takes any number.
+    pub candidates: usize,
+    /// Output channels of the shared MLP over positions.
+    pub position_widths: Vec<usize>,
+    /// Output channels of the shared MLP over normals.
+    pub normal_widths: Vec<usize>,
+    /// Output channels of the encoders of candidate positions and directions.
+    pub boundary_widths: [usize; 2],
+    /// Output channels of the encoders of density and view order; the last is also that of their fusion.
+    pub context_widths: [usize; 2],
+    /// Channels of the trunk's three stages.
+    pub trunk_widths: [usize; 3],
+    /// Channels of the attention over candidates.
+    pub attention_width: usize,
+    /// Attention heads; divide the attention width.
+    pub heads: usize,
+    /// Channels of the score head's hidden layer.
+    pub head_width: usize,
+    /// Share of the score head's hidden units that training drops, in [0, 1).
+    pub dropout: f64,
+}
+
+impl Default for BenbvNetConfig {
+    fn default() -> Self {
+        Self::paper()
+    }
+}
+
+impl BenbvNetConfig {
+    /// The published network: 5,425,921 parameters.
+    pub fn paper() -> Self {
+        Self {
+            points: 4096,
+            candidates: 20,
+            position_widths: vec![64, 128, 256, 512, 1024],
+            normal_widths: vec![64, 128, 256, 512],
+            boundary_widths: [64, 128],
+            context_widths: [32, 128],
+            trunk_widths: [512, 256, 128],
+            attention_width: 256,
+            heads: 4,
+            head_width: 64,
+            dropout: 0.1,
+        }
+    }
+
+    /// About a twentieth of the parameters, for training on a CPU and for embedding.
+    pub fn compact() -> Self {
+        Self {
+            points: 1024,
+            position_widths: vec![32, 64, 128, 256],
+            normal_widths: vec![32, 64, 128],
+            boundary_widths: [32, 64],
+            context_widths: [16, 32],
+            trunk_widths: [128, 64, 64],
+            attention_width: 64,
+            head_width: 32,
+            ..Self::paper()
+        }
+    }
+
+    /// A few thousand parameters, for tests.
+    pub fn tiny() -> Self {
+        Self {
+            points: 64,
+            candidates: 8,
+            position_widths: vec![8, 16, 24],
+            normal_widths: vec![8, 16],
+            boundary_widths: [8, 8],
+            context_widths: [4, 8],
+            trunk_widths: [16, 16, 8],
+            attention_width: 16,
+            heads: 4,
+            head_width: 8,
+            dropout: 0.1,
+        }
+    }
+
+    /// The preset of this name: `paper`, `compact` or `tiny`.
+    pub fn preset(name: &str) -> Option<Self> {
+        match name {
+            "paper" => Some(Self::paper()),
+            "compact" => Some(Self::compact()),
+            "tiny" => Some(Self::tiny()),
+            _ => None,
+        }
+    }
+
+    /// Channels after the fusion of both global features.
+    pub fn global_width(&self) -> usize {
+        self.position_widths.last().copied().unwrap_or(0) + self.normal_widths.last().copied().unwrap_or(0)
+    }
+
+    /// What makes these sizes impossible, in words that name the key, or `Ok`.
+    pub fn validate(&self) -> Result<(), String> {
+        let widths = [
+            ("position_widths", self.position_widths.as_slice()),
+            ("normal_widths", self.normal_widths.as_slice()),
+            ("boundary_widths", self.boundary_widths.as_slice()),
+            ("context_widths", self.context_widths.as_slice()),
+            ("trunk_widths", self.trunk_widths.as_slice()),
+            ("attention_width", &[self.attention_width]),
+            ("head_width", &[self.head_width]),
+            ("points", &[self.points]),
+            ("candidates", &[self.candidates]),
+            ("heads", &[self.heads]),
+        ];
+        if let Some((key, found)) = widths.iter().find(|(_, w)| w.is_empty() || w.contains(&0)) {
+            return Err(format!("{key} = {found:?}: every size must be at least 1"));
+        }
+        // A limit far above any use: a mistyped width must not ask for terabytes.
+        if let Some((key, found)) = widths.iter().find(|(_, w)| w.iter().any(|&w| w > 1 << 20)) {
+            return Err(format!("{key} = {found:?}: no size may exceed {}", 1 << 20));
+        }
+        if self.attention_width % self.heads != 0 {
+            return Err(format!(
+                "heads = {} must divide attention_width = {}",
+                self.heads, self.attention_width
+            ));
+        }
+        if !(0.0..1.0).contains(&self.dropout) {
+            return Err(format!("dropout = {}: expected a share in [0, 1)", self.dropout));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_valid_and_bad_sizes_named() {
+        for name in ["paper", "compact", "tiny"] {
+            BenbvNetConfig::preset(name).unwrap().validate().unwrap();
+        }
+        let bad = BenbvNetConfig { heads: 3, ..BenbvNetConfig::tiny() };
+        assert!(bad.validate().unwrap_err().contains("heads = 3 must divide attention_width = 16"));
+        let bad = BenbvNetConfig { position_widths: vec![8, 0], ..BenbvNetConfig::tiny() };
+        assert!(bad.validate().unwrap_err().contains("position_widths"));
+        let bad = BenbvNetConfig { dropout: 1.0, ..BenbvNetConfig::tiny() };
+        assert!(bad.validate().unwrap_err().contains("dropout"));
+    }
+}
