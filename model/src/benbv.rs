@@ -2,6 +2,7 @@
 
 use crate::blocks::{self, EncoderBn, EncoderLn, LinearBn, LinearLn, ResBlock, SelfAttention};
 use crate::config::BenbvNetConfig;
+use crate::shared_mlp;
 use burn::module::Module;
 use burn::nn::{Dropout, DropoutConfig, LayerNorm, Linear, Relu};
 use burn::tensor::activation::sigmoid;
@@ -173,8 +174,8 @@ impl BenbvNet {
 
     /// Shared MLPs over positions and normals, maximum over points, fusion: [B, N, 3] twice -> [B, G].
     fn global_feature(&self, points: Tensor<3>, normals: Tensor<3>) -> Tensor<2> {
-        let positions = blocks::shared_mlp_max(&self.pos_feat, points); // [B, Gp]
-        let normals = blocks::shared_mlp_max(&self.normal_feat, normals); // [B, Gn]
+        let positions = shared_mlp::shared_mlp_max(&self.pos_feat, points); // [B, Gp]
+        let normals = shared_mlp::shared_mlp_max(&self.normal_feat, normals); // [B, Gn]
         let both = Tensor::cat(vec![positions, normals], 1); // [B, G]
         blocks::linear_ln_relu(&self.global_fusion.0, &self.global_fusion.1, both)
     }

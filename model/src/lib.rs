@@ -13,9 +13,17 @@ pub mod config;
 pub mod device;
 pub mod encode;
 pub mod loss;
+mod nearest;
+pub mod net_planner;
+pub mod pc_nbv;
+pub mod pc_nbv_model;
 pub mod published;
+mod shared_mlp;
 
 pub use benbv::{BenbvNet, NetInput};
 pub use config::BenbvNetConfig;
 pub use encode::{EncodeConfig, Encoded, Normalisation};
+pub use net_planner::{NetPlanner, NetPlannerConfig, NetPlannerError};
+pub use pc_nbv::{PcNbvNet, PcNbvNetConfig};
+pub use pc_nbv_model::{PcNbvError, PcNbvModel};
 pub use loss::position_weighted_loss;

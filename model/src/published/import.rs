@@ -1,12 +1,12 @@
 //! Reading weights.
 
 use super::{Network, WeightsError};
-use burn::module::Module;
+use burn::module::{ModuleVisitor, Param};
 use burn::store::{
     ApplyError, FloatCastAdapter, ModuleAdapter, ModuleContext, ModuleStore, PyTorchToBurnAdapter, PytorchStore, bridge,
     burn_pack::Tensor as Stored,
 };
-use burn::tensor::{BoolStore, DType, TensorData};
+use burn::tensor::{BoolStore, DType, Tensor, TensorData};
 use safetensors::{Dtype, SafeTensors};
 use std::fmt::Write;
 use std::path::Path;
@@ -91,7 +91,9 @@ pub fn apply<N: Network>(mut net: N, tensors: Vec<Stored>, file: &str) -> Result
     let adapter = Squeeze.chain(PyTorchToBurnAdapter).chain(FloatCastAdapter::to(DType::F32));
     let result = net.apply(tensors, None, Some(Box::new(adapter)), false);
     let unused: Vec<_> = result.unused.iter().filter(|name| !name.ends_with(".num_batches_tracked")).collect();
-    if result.errors.is_empty() && result.missing.is_empty() && unused.is_empty() {
+    let mut odd = NotFinite::default();
+    net.visit(&mut odd);
+    if result.errors.is_empty() && result.missing.is_empty() && unused.is_empty() && odd.names.is_empty() {
         return Ok(net.materialize());
     }
     let mut problems = String::new();
@@ -122,6 +124,9 @@ pub fn apply<N: Network>(mut net: N, tensors: Vec<Stored>, file: &str) -> Result
     for (path, _) in &result.missing {
         line(format!("missing: `{}`", published_name(path)), &mut shown);
     }
+    for name in odd.names {
+        line(format!("not finite: `{}`", published_name(&name)), &mut shown);
+    }
     for name in unused {
         line(format!("unknown: `{name}`"), &mut shown);
     }
@@ -133,6 +138,28 @@ pub fn apply<N: Network>(mut net: N, tensors: Vec<Stored>, file: &str) -> Result
         problems,
         hint: "give the configuration (widths, heads) that the weights were trained with, or other weights",
     })
+}
+
+/// Names of tensors with a NaN or an infinity.
+#[derive(Default)]
+struct NotFinite {
+    path: Vec<String>,
+    names: Vec<String>,
+}
+
+impl ModuleVisitor for NotFinite {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_string());
+    }
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let data = param.val().into_data().convert::<f32>();
+        if data.as_slice::<f32>().is_ok_and(|values| values.iter().any(|x| !x.is_finite())) {
+            self.names.push(self.path.join("."));
+        }
+    }
 }
 
 /// Problems listed before the rest is only counted.
