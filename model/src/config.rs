@@ -124,10 +124,7 @@ impl BenbvNetConfig {
             return Err(format!("{key} = {found:?}: no size may exceed {}", 1 << 20));
         }
         if self.attention_width % self.heads != 0 {
-            return Err(format!(
-                "heads = {} must divide attention_width = {}",
-                self.heads, self.attention_width
-            ));
+            return Err(format!("heads = {} must divide attention_width = {}", self.heads, self.attention_width));
         }
         if !(0.0..1.0).contains(&self.dropout) {
             return Err(format!("dropout = {}: expected a share in [0, 1)", self.dropout));

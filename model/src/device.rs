@@ -101,7 +101,8 @@ mod gpu {
     #[cfg(feature = "cuda")]
     pub fn cuda() -> Result<Device, DeviceError> {
         static OPENED: OnceLock<Result<Device, DeviceError>> = OnceLock::new();
-        let fail = |reason| DeviceError::NoDriver { name: "cuda", reason, driver: "the NVIDIA driver and CUDA toolkit" };
+        let fail =
+            |reason| DeviceError::NoDriver { name: "cuda", reason, driver: "the NVIDIA driver and CUDA toolkit" };
         OPENED
             .get_or_init(|| {
                 let device = std::panic::catch_unwind(|| Device::cuda(0)).map_err(|e| fail(panic_text(e.as_ref())))?;

@@ -72,7 +72,9 @@ pub enum EncodeError {
     #[error("the cloud is empty; a scan must come before the first decision")]
     EmptyCloud,
     /// Points without normals.
-    #[error("the cloud has {points} points and {normals} normals; the network needs one per point: estimate them first")]
+    #[error(
+        "the cloud has {points} points and {normals} normals; the network needs one per point: estimate them first"
+    )]
     NoNormals {
         /// Points found.
         points: usize,

@@ -38,9 +38,13 @@ fn nearest_in_cloud(values: &[f32], c: usize, k: usize, offset: usize) -> Vec<i3
     let mut order: Vec<(f32, i32)> = Vec::with_capacity(points.len());
     for a in &points {
         order.clear();
-        order.extend(points.iter().zip(&repeated).zip(0..).map(|((b, repeated), j)| {
-            (square(a, b) + if *repeated { away } else { 0.0 }, j)
-        }));
+        order.extend(
+            points
+                .iter()
+                .zip(&repeated)
+                .zip(0..)
+                .map(|((b, repeated), j)| (square(a, b) + if *repeated { away } else { 0.0 }, j)),
+        );
         let by_distance = |x: &(f32, i32), y: &(f32, i32)| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1));
         order.select_nth_unstable_by(k, by_distance);
         order[..=k].sort_unstable_by(by_distance);

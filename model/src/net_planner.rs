@@ -93,7 +93,7 @@ impl NetPlanner {
         let width = encoded.candidates();
         let input = encode::to_input(&[encoded], width, &self.device)?;
         let scores = self.net.forward(input).into_data(); // [1, K]
-        Ok(scores.convert::<f32>().to_vec().unwrap_or_default())
+        Ok(scores.convert::<f32>().try_to_vec().unwrap_or_default())
     }
 
     /// Candidates with their scores, best first; equal scores keep the order of the candidates.
@@ -214,8 +214,12 @@ mod tests {
                 c.view.position = place(&c.view.position);
                 c.density /= scale;
             }
-            let observation =
-                Observation { cloud: &moved.cloud, candidates: &candidates, view_order: 1, working_distance: 0.5 * scale };
+            let observation = Observation {
+                cloud: &moved.cloud,
+                candidates: &candidates,
+                view_order: 1,
+                working_distance: 0.5 * scale,
+            };
             planner.score(&observation, &mut stream(1, "score")).unwrap()
         };
         let still = scores(1.0, Vector3::zeros());

@@ -108,10 +108,7 @@ impl PcNbvNet {
         let x = blocks::batch_norm(&self.feature_norm, features); // [B*N, 264]
         let global = x.clone().reshape([b, n, EXTRACTED]).max_dim(1); // [B, 1, 264]
         let everywhere = |t: Tensor<3>, c| t.expand([b, n, c]).reshape([b * n, c]);
-        let z = Tensor::cat(
-            vec![x, everywhere(global, EXTRACTED), everywhere(state.reshape([b, 1, VIEWS]), VIEWS)],
-            1,
-        ); // [B*N, 561]
+        let z = Tensor::cat(vec![x, everywhere(global, EXTRACTED), everywhere(state.reshape([b, 1, VIEWS]), VIEWS)], 1); // [B*N, 561]
         let z = self.attention.forward(relu(z).reshape([b, n, UNIT])); // [B, N, 561]
         let z = blocks::batch_norm(&self.attention_norm, z.reshape([b * n, UNIT])); // [B*N, 561]
         let z = blocks::linear_bn_relu(&self.encoder.0, z); // [B*N, 1024]

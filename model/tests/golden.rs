@@ -16,7 +16,7 @@ fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
 }
 
 fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().convert::<f32>().to_vec().expect("f32")
+    tensor.into_data().convert::<f32>().try_to_vec().expect("f32")
 }
 
 fn without_dropout(config: BenbvNetConfig) -> BenbvNetConfig {
@@ -177,7 +177,7 @@ fn golden_pth_names_are_read() {
         let name = tensor.name.clone();
         let data = burn::store::bridge::into_data(tensor).expect("data");
         if data.dtype() == burn::tensor::DType::F32 {
-            assert_eq!(data.to_vec::<f32>().expect("f32"), state.floats(&name), "{name}");
+            assert_eq!(data.try_to_vec::<f32>().expect("f32"), state.floats(&name), "{name}");
             floats += 1;
         }
     }

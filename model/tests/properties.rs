@@ -26,7 +26,7 @@ fn sample(points: usize, candidates: usize, rng: &mut impl Rng) -> Encoded {
 
 fn scores(net: &BenbvNet, batch: &[Encoded], width: usize) -> Vec<f32> {
     let input = to_input(batch, width, &Device::flex()).expect("a valid batch");
-    net.forward(input).into_data().to_vec().expect("f32")
+    net.forward(input).into_data().try_to_vec().expect("f32")
 }
 
 fn close(a: &[f32], b: &[f32], tolerance: f32) {
@@ -111,7 +111,7 @@ fn step(config: &BenbvNetConfig, input: NetInput, seed: u64) -> (Vec<f32>, Gradi
     let [b, _, k] = input.dims();
     let target = Tensor::<2>::ones([b, k], &Device::flex()) * 0.7;
     let out = net.forward(input);
-    let scores = out.clone().without_autodiff().into_data().to_vec().expect("f32");
+    let scores = out.clone().without_autodiff().into_data().try_to_vec().expect("f32");
     let grads = position_weighted_loss(out, target, &counts).backward();
     (scores, common::gradients(&net, &grads), common::parameters(&net))
 }
@@ -170,7 +170,7 @@ fn fused_inference_agrees_with_plain_layers() {
     net = net.freeze();
     let plain: Vec<f32> = {
         let input = to_input(&batch, 8, &Device::flex()).expect("valid");
-        net.forward(input).without_autodiff().into_data().to_vec().expect("f32")
+        net.forward(input).without_autodiff().into_data().try_to_vec().expect("f32")
     };
     close(&fused, &plain, 1e-5);
 }
@@ -200,7 +200,8 @@ fn gradients_agree_with_finite_differences() {
     let net = net(&config, 8).train();
     let grads = common::gradients(&net, &loss(&net).backward());
     // The last bias moves every score, the first batch norm's shift goes through the fused operation.
-    for (name, tolerance) in [("score_head.4.bias", 0.02), ("pos_feat.2.1.bias", 0.05), ("normal_feat.0.1.weight", 0.1)] {
+    for (name, tolerance) in [("score_head.4.bias", 0.02), ("pos_feat.2.1.bias", 0.05), ("normal_feat.0.1.weight", 0.1)]
+    {
         let gradient = &grads[name];
         let at = (0..gradient.len()).max_by(|a, b| gradient[*a].abs().total_cmp(&gradient[*b].abs())).expect("some");
         let moved = |by: f32| {
@@ -238,7 +239,8 @@ fn checkpoints_come_back_and_replace_each_other() {
         assert_eq!(scores(&back, &batch, 8), scores(&net, &batch, 8), "the same bits");
         assert!(directory.join("optimizer.bin").exists());
     }
-    let left: Vec<_> = std::fs::read_dir(folder.path()).expect("folder").map(|e| e.expect("entry").file_name()).collect();
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path()).expect("folder").map(|e| e.expect("entry").file_name()).collect();
     assert_eq!(left, ["best"], "nothing else is left behind");
     assert_eq!(checkpoint::kind(&directory).expect("kind"), "benbv-net");
 }
@@ -265,7 +267,10 @@ fn bad_checkpoints_are_explained() {
     let misshaped = with("head_width = 8", "head_width = 9");
     assert!(misshaped.contains("misshaped: `score_head.0.weight` is [8, 16], expected [9, 16]"), "{misshaped}");
     let missing = with("position_widths = [8, 16, 24]", "position_widths = [8, 16, 24, 24]");
-    assert!(missing.contains("missing: `pos_feat.3.0.weight`") && missing.contains("pos_feat.3.1.running_var"), "{missing}");
+    assert!(
+        missing.contains("missing: `pos_feat.3.0.weight`") && missing.contains("pos_feat.3.1.running_var"),
+        "{missing}"
+    );
     let unknown = with("position_widths = [8, 16, 24]", "position_widths = [8, 16]");
     assert!(unknown.contains("unknown: `pos_feat.2.0.weight`"), "{unknown}");
 

@@ -3,8 +3,8 @@
 use super::{Network, WeightsError};
 use burn::module::{ModuleVisitor, Param};
 use burn::store::{
-    ApplyError, FloatCastAdapter, ModuleAdapter, ModuleContext, ModuleStore, PyTorchToBurnAdapter, PytorchStore, bridge,
-    burn_pack::Tensor as Stored,
+    ApplyError, FloatCastAdapter, ModuleAdapter, ModuleContext, ModuleStore, PyTorchToBurnAdapter, PytorchStore,
+    bridge, burn_pack::Tensor as Stored,
 };
 use burn::tensor::{BoolStore, DType, Tensor, TensorData};
 use safetensors::{Dtype, SafeTensors};

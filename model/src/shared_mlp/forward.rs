@@ -91,8 +91,6 @@ pub struct Normalised {
     pub mean: Vec<f32>,
     /// Biased.
     pub variance: Vec<f32>,
-    /// sqrt(variance + epsilon).
-    pub deviation: Vec<f32>,
     pub scale: Vec<f32>,
     pub shift: Vec<f32>,
 }
@@ -102,15 +100,10 @@ impl Normalised {
         let variance = moments.variance();
         let deviation: Vec<f64> = variance.iter().map(|v| (v + layer.epsilon).sqrt()).collect();
         let scale: Vec<f64> = layer.gamma.iter().zip(&deviation).map(|(gamma, d)| f64::from(*gamma) / d).collect();
-        let shift = (0..layer.outputs).map(|j| (f64::from(layer.beta[j]) - moments.mean[j] * scale[j]) as f32).collect();
+        let shift =
+            (0..layer.outputs).map(|j| (f64::from(layer.beta[j]) - moments.mean[j] * scale[j]) as f32).collect();
         let single = |v: &[f64]| v.iter().map(|x| *x as f32).collect();
-        Self {
-            mean: single(&moments.mean),
-            variance: single(&variance),
-            deviation: single(&deviation),
-            scale: single(&scale),
-            shift,
-        }
+        Self { mean: single(&moments.mean), variance: single(&variance), scale: single(&scale), shift }
     }
 }
 
@@ -146,11 +139,8 @@ pub fn train(layers: &[Layer], points: &[f32], samples: usize, n: usize) -> Save
         let mut h = vec![0.0; r * layer.outputs];
         let input = Input::of(points, &hidden, &norms);
         let pieces = rows::split(&mut h, &parts, layer.outputs);
-        let moments: Vec<Moments> = pieces
-            .into_par_iter()
-            .zip(&parts)
-            .map(|(piece, part)| hidden_part(layer, &input, part, piece))
-            .collect();
+        let moments: Vec<Moments> =
+            pieces.into_par_iter().zip(&parts).map(|(piece, part)| hidden_part(layer, &input, part, piece)).collect();
         norms.push(Normalised::new(layer, &joined(&moments)));
         hidden.push(h);
     }

@@ -26,15 +26,18 @@ type Ad = Autodiff<Flex, NoCheckpointing>;
 /// [B, N, 3] -> [B, C]: the maximum over points of the shared MLP.
 pub fn shared_mlp_max(layers: &[LinearBn], points: Tensor<3>) -> Tensor<2> {
     let [samples, n, columns] = points.dims();
-    let fits = columns == forward::COORDINATES && samples > 0 && n > 0 && (1..=MOST_LAYERS).contains(&layers.len()) && samples * n < 1 << 32;
+    let fits = columns == forward::COORDINATES
+        && samples > 0
+        && n > 0
+        && (1..=MOST_LAYERS).contains(&layers.len())
+        && samples * n < 1 << 32;
     let plain = |points| blocks::shared_mlp_max(layers, points);
     let Some(input) = points.clone().try_into_primitive::<Flex>().ok().filter(|_| fits) else {
         return plain(points);
     };
     let training = layers.iter().all(|(_, bn)| bn.gamma.device().is_autodiff() && bn.training.is_enabled());
-    let frozen = layers.iter().all(|(linear, bn)| {
-        !linear.weight.device().is_autodiff() && !bn.gamma.device().is_autodiff()
-    });
+    let frozen =
+        layers.iter().all(|(linear, bn)| !linear.weight.device().is_autodiff() && !bn.gamma.device().is_autodiff());
     let out = if training {
         train(layers, input.to_contiguous(), samples, n)
     } else if frozen {

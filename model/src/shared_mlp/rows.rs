@@ -24,7 +24,9 @@ pub fn parts(samples: usize, points: usize) -> Vec<Vec<Chunk>> {
     let chunks: Vec<_> = (0..samples)
         .flat_map(|sample| {
             let start = sample * points;
-            (0..points).step_by(length).map(move |at| Chunk { sample, rows: start + at..start + points.min(at + length) })
+            (0..points)
+                .step_by(length)
+                .map(move |at| Chunk { sample, rows: start + at..start + points.min(at + length) })
         })
         .collect();
     if chunks.is_empty() {
@@ -67,13 +69,7 @@ impl<'a> Matrix<'a> {
     }
 
     pub fn transposed(self) -> Self {
-        Self {
-            rows: self.columns,
-            columns: self.rows,
-            row_step: self.column_step,
-            column_step: self.row_step,
-            ..self
-        }
+        Self { rows: self.columns, columns: self.rows, row_step: self.column_step, column_step: self.row_step, ..self }
     }
 
     pub fn rows(&self) -> usize {

@@ -39,9 +39,7 @@ impl Golden {
         let tensor = |(name, view): (&str, safetensors::tensor::TensorView)| {
             let bytes = view.data();
             let values = match view.dtype() {
-                safetensors::Dtype::F32 => {
-                    bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
-                }
+                safetensors::Dtype::F32 => bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
                 safetensors::Dtype::F64 => {
                     bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect()
                 }
@@ -128,10 +126,10 @@ impl Named<'_> {
         let data = match (linear, D) {
             (true, 2) => {
                 let [i, o] = [data.shape()[0], data.shape()[1]];
-                let values = data.to_vec::<f32>().expect("f32");
+                let values = data.try_to_vec::<f32>().expect("f32");
                 (0..o * i).map(|at| values[(at % i) * o + at / i]).collect()
             }
-            _ => data.to_vec::<f32>().expect("f32"),
+            _ => data.try_to_vec::<f32>().expect("f32"),
         };
         self.found.insert(names.join("."), data);
     }
