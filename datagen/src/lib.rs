@@ -2,6 +2,7 @@
 
 pub mod episode;
 pub mod noise;
+pub mod procedural;
 pub mod scene;
 pub mod search;
 #[cfg(test)]
