@@ -1,13 +1,20 @@
 //! Simulated scanning and the model-based BENBV search.
 
+pub mod config;
+pub mod dataset;
 pub mod episode;
+pub mod generate;
+pub mod history;
+pub mod inspect;
 pub mod noise;
 pub mod procedural;
 pub mod scene;
 pub mod search;
 #[cfg(test)]
 mod testing;
+pub mod verify;
 
+pub use config::DatagenConfig;
 pub use episode::{Accumulate, Decision, End, Episode, EpisodeConfig, VoidEpisode, run_episode, run_episode_with};
 pub use noise::NoiseConfig;
 pub use scene::{RenderConfig, RenderScratch, Renderer, Scene};

@@ -14,6 +14,7 @@ pub mod mesh;
 pub mod ply;
 pub mod run;
 pub mod shard;
+pub mod surface;
 
 pub use cloud::{CloudFile, read_cloud};
 pub use config::{ConfigError, Flag};

@@ -1,0 +1,96 @@
+//! Settings of data generation; `configs/datagen.toml` spells them out.
+
+use crate::dataset::DatasetConfig;
+use crate::episode::EpisodeConfig;
+use crate::search::SearchConfig;
+use formats::CloudPrecision;
+use geometry::CandidateConfig;
+use serde::{Deserialize, Serialize};
+
+/// Settings of data generation. The output follows from them, the meshes and the commit alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DatagenConfig {
+    /// Every random number follows from it (0).
+    pub seed: u64,
+    /// Diagonal of the bounding box that every object is scaled to, metres (0.2).
+    pub object_diagonal_m: f64,
+    /// Points of the reference surface, by Poisson-disk sample elimination (60,000).
+    pub surface_samples: usize,
+    /// Share of a training set's objects that are set aside for validation (0.2).
+    pub validation_share: f64,
+    /// How clouds are stored, `f32` or `f16` (f32).
+    pub cloud_precision: CloudPrecision,
+    /// Keep the reference surfaces beside the shards, so that they are sampled once (true).
+    pub keep_surface_samples: bool,
+    /// Which objects.
+    pub dataset: DatasetConfig,
+    /// How they are scanned.
+    pub episode: EpisodeConfig,
+    /// Where to look next.
+    pub candidates: CandidateConfig,
+}
+
+impl Default for DatagenConfig {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            object_diagonal_m: 0.2,
+            surface_samples: 60_000,
+            validation_share: 0.2,
+            cloud_precision: CloudPrecision::F32,
+            keep_surface_samples: true,
+            dataset: DatasetConfig::default(),
+            episode: EpisodeConfig::default(),
+            candidates: CandidateConfig::default(),
+        }
+    }
+}
+
+impl DatagenConfig {
+    /// Settings of the search.
+    pub fn search(&self) -> SearchConfig {
+        SearchConfig::of(&self.episode, self.candidates.clone())
+    }
+
+    /// What makes two sets the same: all settings but where the meshes lie.
+    pub fn without_places(&self) -> Self {
+        let mut config = self.clone();
+        config.dataset.root = None;
+        config
+    }
+
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// A sentence with the key, what was found, and what was expected.
+    pub fn validate(&self) -> Result<(), String> {
+        let length = |key: &str, value: f64| {
+            if value > 0.0 && value.is_finite() {
+                Ok(())
+            } else {
+                Err(format!("{key} = {value}: expected a length above 0"))
+            }
+        };
+        length("object_diagonal_m", self.object_diagonal_m)?;
+        length("episode.working_distance_m", self.episode.working_distance_m)?;
+        length("episode.tolerance_m", self.episode.tolerance_m)?;
+        if !(0.0..1.0).contains(&self.validation_share) {
+            return Err(format!("validation_share = {}: expected 0 or more, and under 1", self.validation_share));
+        }
+        for (key, count) in [
+            ("surface_samples", self.surface_samples),
+            ("episode.num_views", self.episode.num_views),
+            ("candidates.num_targets", self.candidates.num_targets),
+            ("candidates.boundary.neighbors", self.candidates.boundary.neighbors),
+        ] {
+            if count == 0 {
+                return Err(format!("{key} = 0: expected at least 1"));
+            }
+        }
+        if self.candidates.tilts_deg.is_empty() {
+            return Err("candidates.tilts_deg is empty: expected at least one angle".to_owned());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,49 @@
+//! Any tree of meshes; the folder of a mesh is its category.
+
+use super::{DatasetError, Found, describe, entries, extension};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Deeper trees are links that go in circles.
+const MAX_DEPTH: usize = 32;
+
+pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
+    let mut found = vec![];
+    visit(root, root, 0, &mut found)?;
+    if found.is_empty() {
+        return Err(DatasetError::Layout {
+            name: "mesh",
+            root: root.to_owned(),
+            found: describe(root),
+            layout: "a tree of .off, .obj, .ply or .stl files",
+            source_of_data: "any meshes will do",
+        });
+    }
+    // `a.obj` beside `a.stl`: both keep their ending.
+    let mut uses = BTreeMap::<String, usize>::new();
+    for f in &found {
+        *uses.entry(f.name.clone()).or_default() += 1;
+    }
+    for f in found.iter_mut().filter(|f| uses[&f.name] > 1) {
+        f.name = format!("{}.{}", f.name, extension(&f.path));
+    }
+    found.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(found)
+}
+
+fn visit(root: &Path, directory: &Path, depth: usize, found: &mut Vec<Found>) -> Result<(), DatasetError> {
+    for path in entries(directory)? {
+        if path.is_dir() {
+            if depth < MAX_DEPTH {
+                visit(root, &path, depth + 1, found)?;
+            }
+        } else if formats::mesh::EXTENSIONS.contains(&extension(&path).as_str()) {
+            let relative = path.strip_prefix(root).unwrap_or(&path);
+            let slashes = |p: &Path| p.iter().map(|c| c.to_string_lossy()).collect::<Vec<_>>().join("/");
+            let category =
+                relative.parent().map(slashes).filter(|c| !c.is_empty()).unwrap_or_else(|| "folder".to_owned());
+            found.push(Found { name: slashes(&relative.with_extension("")), category, path, half: None });
+        }
+    }
+    Ok(())
+}

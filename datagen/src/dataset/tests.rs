@@ -1,0 +1,127 @@
+use super::*;
+
+/// An OFF file with a header as ModelNet40 has it.
+const GLUED: &str = "OFF4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+
+fn put(root: &Path, files: &[&str]) {
+    for file in files {
+        let path = root.join(file);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+        std::fs::write(path, if file.ends_with("obj") { obj } else { GLUED }).unwrap();
+    }
+}
+
+fn names(config: &DatasetConfig) -> Vec<String> {
+    list_objects(config, 0, 0.2).unwrap().into_iter().map(|o| o.name).collect()
+}
+
+fn message(config: &DatasetConfig) -> String {
+    list_objects(config, 0, 0.2).expect_err("must be refused").to_string()
+}
+
+#[test]
+fn modelnet40_splits_as_its_folders_say() {
+    let dir = tempfile::tempdir().unwrap();
+    let root = dir.path();
+    put(
+        root,
+        &[
+            "chair/train/chair_0002.off",
+            "chair/train/chair_0001.OFF",
+            "chair/test/chair_0009.off",
+            "bed/train/bed_0001.off",
+            "bed/readme.txt",
+        ],
+    );
+    let config = DatasetConfig { name: DatasetName::ModelNet40, root: Some(root.into()), ..Default::default() };
+    assert_eq!(names(&config), ["bed/bed_0001", "chair/chair_0001", "chair/chair_0002"]);
+    assert_eq!(names(&DatasetConfig { per_category: Some(1), ..config.clone() }), ["bed/bed_0001", "chair/chair_0001"]);
+    let test = DatasetConfig { split: Some(SplitChoice::Test), ..config.clone() };
+    assert_eq!(names(&test), ["chair/chair_0009"]);
+    let objects = list_objects(&test, 0, 0.2).unwrap();
+    assert_eq!(objects[0].split, Split::Test);
+    assert_eq!(load_mesh(&objects[0]).unwrap().triangles.len(), 4);
+
+    let list = root.join("list.txt");
+    std::fs::write(&list, "# the authors' choice\n'chair_0009',\nbed/train/bed_0001.off\nchair/chair_0001\n").unwrap();
+    let listed = DatasetConfig { list: Some(list.clone()), ..config.clone() };
+    assert_eq!(names(&listed), ["chair/chair_0009", "bed/bed_0001", "chair/chair_0001"]);
+    std::fs::write(&list, "bed_0001\nsofa_0001\n").unwrap();
+    let text = message(&listed);
+    assert!(text.contains("line 2") && text.contains("sofa_0001"), "{text}");
+}
+
+#[test]
+fn shapenet_of_both_versions() {
+    let dir = tempfile::tempdir().unwrap();
+    let root = dir.path();
+    let all: Vec<String> = (0..40).map(|i| format!("02691156/id{i}/model.obj")).collect();
+    put(root, &all.iter().map(String::as_str).collect::<Vec<_>>());
+    put(
+        root,
+        &[
+            "03001627/x/models/model_normalized.obj",
+            "03001627/x/models/model_normalized.json",
+            "03001627/y/images/a.obj",
+        ],
+    );
+    let config = DatasetConfig { name: DatasetName::ShapeNet, root: Some(root.into()), ..Default::default() };
+    let (train, test) = (names(&config), names(&DatasetConfig { split: Some(SplitChoice::Test), ..config.clone() }));
+    assert_eq!(train.len() + test.len(), 41);
+    assert!(test.len() > 2 && test.len() < 16 && test.iter().all(|t| !train.contains(t)), "{test:?}");
+}
+
+#[test]
+fn folder_takes_any_tree() {
+    let dir = tempfile::tempdir().unwrap();
+    put(dir.path(), &["b/deep/x.off", "a.obj", "a.off", "notes.txt"]);
+    let config = DatasetConfig { name: DatasetName::Folder, root: Some(dir.path().into()), ..Default::default() };
+    assert_eq!(names(&config), ["a.obj", "a.off", "b/deep/x"]);
+}
+
+#[test]
+fn repository3d_is_for_evaluation_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    put(dir.path(), &["Bunny.obj", "teapot.obj", "other.obj"]);
+    let config = DatasetConfig { name: DatasetName::Repository3d, root: Some(dir.path().into()), ..Default::default() };
+    assert_eq!(names(&config), ["bunny", "teapot"]);
+    assert!(list_objects(&config, 0, 0.2).unwrap().iter().all(|o| o.split == Split::Test));
+    assert!(message(&DatasetConfig { split: Some(SplitChoice::Train), ..config }).contains("evaluation alone"));
+}
+
+#[test]
+fn a_wrong_root_explains_layout_and_source() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, words) in [
+        (DatasetName::ModelNet40, ["<category>/{train,test}/*.off", "modelnet.cs.princeton.edu"]),
+        (DatasetName::ShapeNet, ["model_normalized.obj", "shapenet.org"]),
+        (DatasetName::Repository3d, ["happyBuddha", "graphics.stanford.edu"]),
+        (DatasetName::Folder, [".stl", "any meshes"]),
+    ] {
+        for root in [dir.path().join("none"), dir.path().into()] {
+            let text = message(&DatasetConfig { name, root: Some(root.clone()), ..Default::default() });
+            for word in words.iter().chain(&["--root", &*root.display().to_string()]) {
+                assert!(text.contains(word), "{word:?} is missing in: {text}");
+            }
+        }
+    }
+    let text = message(&DatasetConfig { name: DatasetName::ModelNet40, ..Default::default() });
+    assert!(text.contains("\"data/modelnet40\"") && text.contains("no such directory"), "{text}");
+}
+
+#[test]
+fn validation_objects_are_set_aside_by_name() {
+    let config = DatasetConfig { objects: Some(50), ..Default::default() };
+    let validation = |share| -> Vec<String> {
+        let objects = list_objects(&config, 3, share).unwrap();
+        objects.into_iter().filter(|o| o.split == Split::Validation).map(|o| o.name).collect()
+    };
+    assert_eq!(validation(0.2).len(), 10);
+    assert_eq!(validation(0.2), validation(0.2));
+    assert_eq!(validation(0.0).len(), 0);
+    assert_eq!(validation(0.001).len(), 1, "one at least, else training flies blind");
+    let train = names(&config);
+    let test = names(&DatasetConfig { split: Some(SplitChoice::Test), ..config });
+    assert!(test.iter().all(|t| !train.contains(t)));
+}

@@ -1,0 +1,207 @@
+//! The program as its user runs it: same bytes whatever the threads, parts, kills and full disks.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Small enough for a test, large enough to be stopped in the middle.
+const SMALL: [&str; 8] =
+    ["--objects", "6", "--scans", "3", "--set", "surface_samples=6000", "--set", "candidates.num_targets=6"];
+
+fn datagen(directory: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_datagen"));
+    command.current_dir(directory);
+    for name in ["SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT", "JOB_COMPLETION_INDEX", "RUST_LOG"] {
+        command.env_remove(name);
+    }
+    command
+}
+
+fn run(command: &mut Command) -> (Option<i32>, String) {
+    let Output { status, stdout, stderr } = command.output().expect("the program starts");
+    (status.code(), String::from_utf8_lossy(&stdout).into_owned() + &String::from_utf8_lossy(&stderr))
+}
+
+fn succeed(command: &mut Command) -> String {
+    let (code, text) = run(command);
+    assert_eq!(code, Some(0), "{text}");
+    text
+}
+
+/// Every file of a set with its bytes, but for provenance and the lock.
+fn bytes(directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    fn visit(root: &Path, directory: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
+        for entry in std::fs::read_dir(directory).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            if path.is_dir() {
+                visit(root, &path, files);
+            } else if !(name.starts_with("run") && name.ends_with(".toml")) && name != ".lock" {
+                files.insert(path.strip_prefix(root).unwrap().to_owned(), std::fs::read(&path).unwrap());
+            }
+        }
+    }
+    let mut files = BTreeMap::new();
+    visit(directory, directory, &mut files);
+    files
+}
+
+fn same(a: &Path, b: &Path, what: &str) {
+    let (a, b) = (bytes(a), bytes(b));
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>(), "{what}: files");
+    for (path, content) in &a {
+        assert!(content == &b[path], "{what}: {path:?} differs");
+    }
+    assert!(a.keys().filter(|p| p.starts_with("shards")).count() >= 4, "{what}: {:?}", a.keys());
+}
+
+fn shards(directory: &Path) -> usize {
+    let visit = std::fs::read_dir(directory.join("shards/procedural"));
+    visit.into_iter().flatten().flatten().filter(|e| e.path().extension().is_some_and(|x| x == "safetensors")).count()
+}
+
+#[test]
+fn same_bytes_whatever_threads_parts_kills_and_full_disks() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    let whole = home.join("whole");
+    let text = succeed(datagen(home).args(SMALL).args(["--jobs", "1", "--out", "whole"]));
+    assert!(text.contains("6 objects") && text.contains("6/6 objects"), "{text}");
+
+    succeed(datagen(home).args(SMALL).args(["--jobs", "2", "--out", "threads"]));
+    same(&whole, &home.join("threads"), "two threads");
+
+    // Parts as processes at the same time.
+    let children: Vec<_> = ["0/3", "1/3", "2/3"]
+        .map(|part| {
+            let mut command = datagen(home);
+            command.args(SMALL).args(["--jobs", "1", "--out", "parts", "--part", part]);
+            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+        })
+        .into();
+    for mut child in children {
+        assert!(child.wait().unwrap().success());
+    }
+    same(&whole, &home.join("parts"), "three parts");
+    assert!(succeed(datagen(home).args(["verify", "parts"])).contains("6 sound shards"));
+
+    // Killed at several moments; then the same command.
+    let killed = home.join("killed");
+    for shards_before in [0, 2, 4] {
+        let mut command = datagen(home);
+        command.args(SMALL).args(["--jobs", "2", "--out", "killed"]).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let end = Instant::now() + Duration::from_secs(60);
+        while shards(&killed) < shards_before && Instant::now() < end && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(3));
+        }
+        std::thread::sleep(Duration::from_millis(40));
+        let _ = child.kill(); // SIGKILL
+        child.wait().unwrap();
+    }
+    succeed(datagen(home).args(SMALL).args(["--out", "killed"]));
+    same(&whole, &killed, "killed");
+
+    // A shard that was damaged is found, named and made anew.
+    let victim = home.join("threads/shards/procedural/train_000002.safetensors");
+    let mut content = std::fs::read(&victim).unwrap();
+    let middle = content.len() / 2;
+    content[middle] ^= 4;
+    std::fs::write(&victim, &content).unwrap();
+    let (code, text) = run(datagen(home).args(["verify", "threads"]));
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("train_000002") && text.contains("damaged"), "{text}");
+    let text = succeed(datagen(home).args(SMALL).args(["--out", "threads"]));
+    assert!(text.contains("damaged and made anew") && text.contains("train_000002"), "{text}");
+    same(&whole, &home.join("threads"), "a damaged shard");
+
+    // Other settings must not be mixed in.
+    let (code, text) = run(datagen(home).args(SMALL).args(["--out", "whole", "--seed", "1"]));
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("other settings") && text.contains("now:   seed = 1"), "{text}");
+
+    let text = succeed(datagen(home).args(["inspect", "whole"]));
+    for word in ["train", "validation", "coverage by scan", "scores:", "odd numbers: 0", "a sample: procedural/train_"]
+    {
+        assert!(text.contains(word), "{word:?} is missing in {text}");
+    }
+    let json = succeed(datagen(home).args(["inspect", "whole", "--json"]));
+    assert!(serde_json::from_str::<serde_json::Value>(&json).unwrap()["oddities"] == 0, "{json}");
+    full_disk(home, &whole);
+}
+
+/// A limit on the size of files stands for a full disk: writes fail in the middle of a shard.
+#[cfg(unix)]
+fn full_disk(home: &Path, whole: &Path) {
+    let mut command = Command::new("bash");
+    let script = "trap '' XFSZ; ulimit -f 60; exec \"$0\" \"$@\"";
+    command.current_dir(home).args(["-c", script, env!("CARGO_BIN_EXE_datagen")]);
+    command.args(SMALL).args(["--jobs", "1", "--out", "full"]);
+    let (code, text) = run(&mut command);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("cannot write") && text.contains("safetensors"), "{text}");
+    succeed(datagen(home).args(SMALL).args(["--out", "full"]));
+    same(whole, &home.join("full"), "a full disk");
+}
+
+#[cfg(not(unix))]
+fn full_disk(_: &Path, _: &Path) {}
+
+#[test]
+fn modelnet40_runs_with_no_further_flag_and_explains_itself() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    let (code, text) = run(datagen(home).args(["--dataset", "modelnet40"]));
+    assert_eq!(code, Some(1), "{text}");
+    for word in ["data/modelnet40", "<category>/{train,test}/*.off", "modelnet.cs.princeton.edu", "--root"] {
+        assert!(text.contains(word), "{word:?} is missing in {text}");
+    }
+
+    // A block with a glued header as in ModelNet40, one with a plain header, and files that cannot be used.
+    let block = "8 6 0\n-1 -1 -1\n1 -1 -1\n1 2 -1\n-1 2 -1\n-1 -1 1\n1 -1 1\n1 2 1\n-1 2 1\n\
+                 4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
+    let put = |name: &str, text: String| {
+        let path = home.join("data/modelnet40").join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    };
+    put("box/train/box_0001.off", format!("OFF{block}"));
+    put("box/train/box_0002.off", format!("OFF\n{block}"));
+    put("box/train/box_0003.off", "OFF\n2 1 0\n-1 -1 -1\n1 -1 x\n3 0 1 1\n".to_owned());
+    put("box/train/box_0004.off", "OFF 3 1 0\n0 0 0\n0 0 0\n0 0 0\n3 0 1 2\n".to_owned());
+    put("box/test/box_0005.off", format!("OFF{block}"));
+    let text = succeed(datagen(home).args(["--dataset", "modelnet40"]));
+    assert!(text.contains("2 objects, ") && text.contains("2 objects skipped"), "{text}");
+    assert!(text.contains("box/box_0003") && text.contains("line 4") && text.contains("\"x\""), "{text}");
+    let manifest = std::fs::read_to_string(home.join("runs/data/modelnet40/manifest.json")).unwrap();
+    assert!(manifest.contains("without area"), "{manifest}");
+    assert!(succeed(datagen(home).args(["verify", "runs/data/modelnet40"])).contains("2 sound shards"));
+    let text = succeed(datagen(home).args(["--dataset", "modelnet40", "--split", "test", "--list-objects"]));
+    assert_eq!(text.lines().count(), 1, "{text}");
+    assert!(text.starts_with("box/box_0005\tbox\tTest"), "{text}");
+}
+
+#[test]
+fn wrong_settings_name_their_origin() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    std::fs::write(home.join("a.toml"), "seed = 1\n[episode]\nnum_view = 3\n").unwrap();
+    for (arguments, words) in [
+        (vec!["--config", "a.toml"], vec!["a.toml", "line 3", "num_view"]),
+        (vec!["--set", "episode.image.widht=640"], vec!["--set", "unknown field `widht`", "`width`"]),
+        (vec!["--set", "seed=true"], vec!["--set", "seed=true", "invalid type"]),
+        (vec!["--dataset", "modelnet10"], vec!["--dataset", "unknown variant `modelnet10`", "modelnet40"]),
+        (vec!["--distance", "0"], vec!["episode.working_distance_m = 0", "above 0"]),
+        (vec!["--list", "none.txt", "--dataset", "folder", "--root", "."], vec!["\".\""]),
+        (vec!["--part", "3/2"], vec!["--part 3/2", "0 to 1"]),
+        (vec!["verify", "nowhere"], vec!["nowhere/manifest.json", "cannot read"]),
+    ] {
+        let (code, text) = run(datagen(home).args(&arguments));
+        assert_eq!(code, Some(1), "{arguments:?}: {text}");
+        for word in words {
+            assert!(text.contains(word), "{arguments:?}: {word:?} is missing in {text}");
+        }
+    }
+    assert_eq!(run(datagen(home).arg("--no-such-flag")).0, Some(2), "wrong usage");
+}
