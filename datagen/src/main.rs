@@ -203,6 +203,11 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
         eprintln!("stopping after the objects in hand; once more to stop at once (nothing finished is lost)");
     })
     .context("cannot watch for Ctrl-C")?;
+    if !args.json {
+        let threads = if args.jobs > 0 { args.jobs } else { run.provenance().threads };
+        let name = config.dataset.name.as_str();
+        eprintln!("{} objects of {name} into {}, {threads} threads", objects.len(), out.display());
+    }
     let clock = Instant::now();
     let mine = objects.len().saturating_sub(part.index).div_ceil(part.count);
     let progress = Progress::new(mine);
