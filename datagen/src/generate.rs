@@ -43,6 +43,12 @@ pub enum GenerateError {
         /// One line per setting.
         differences: String,
     },
+    /// Another process is at it.
+    #[error("another process makes this part of {out:?}; wait for it, or give another --out or --part")]
+    Busy {
+        /// The directory.
+        out: PathBuf,
+    },
     /// The threads cannot be started.
     #[error("cannot start threads: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
@@ -177,27 +183,51 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// Makes the run directory: refuses one that holds a set of other settings, and stores the settings.
+/// A run directory that this process may fill.
+#[derive(Debug)]
+pub struct Prepared {
+    /// Notes how the run ends.
+    pub run: RunDir,
+    /// Held as long as the part is worked on.
+    _lock: std::fs::File,
+}
+
+/// Makes the run directory: refuses one that holds a set of other settings, or of which another process makes the
+/// same part; stores the settings.
 ///
 /// # Errors
-/// Other settings, with what differs; what the operating system refuses.
-pub fn prepare(job: &Job, program: &str) -> Result<RunDir, GenerateError> {
-    let stored = job.out.join("config.toml");
-    if stored.exists() {
-        let old: DatagenConfig = formats::config::load(Some(&stored), &[], &[])?;
-        let (old, new) = (old.without_places(), job.config.without_places());
-        if old != new {
-            let (old, new) = (formats::config::to_toml(&old)?, formats::config::to_toml(&new)?);
-            let only = |a: &str, b: &str, mark: &str| -> String {
-                a.lines().filter(|l| !b.lines().any(|m| m == *l)).map(|l| format!("  {mark} {l}\n")).collect()
-            };
-            let differences = only(&old, &new, "there:") + &only(&new, &old, "now:  ");
-            return Err(GenerateError::OtherSettings { out: job.out.to_owned(), differences });
-        }
-    }
+/// Other settings, with what differs; another process; what the operating system refuses.
+pub fn prepare(job: &Job, program: &str) -> Result<Prepared, GenerateError> {
     let name = match job.part {
         Part::WHOLE => "run.toml".to_owned(),
         Part { index, count } => format!("run-{index}-of-{count}.toml"),
     };
-    Ok(RunDir::create_part(job.out, program, job.config, &name)?)
+    manifest::locked(job.out, || {
+        let stored = job.out.join("config.toml");
+        if stored.exists() {
+            check_same_settings(job, &stored)?;
+        }
+        let Some(lock) = manifest::lock_part(job.out, job.part)? else {
+            return Err(GenerateError::Busy { out: job.out.to_owned() });
+        };
+        // Left by a process that was killed.
+        for file in ["config.toml", formats::manifest::MANIFEST, &name] {
+            formats::run::remove_temporaries(&job.out.join(file));
+        }
+        Ok(Prepared { run: RunDir::create_part(job.out, program, job.config, &name)?, _lock: lock })
+    })
+}
+
+fn check_same_settings(job: &Job, stored: &Path) -> Result<(), GenerateError> {
+    let old: DatagenConfig = formats::config::load(Some(stored), &[], &[])?;
+    let (old, new) = (old.without_places(), job.config.without_places());
+    if old == new {
+        return Ok(());
+    }
+    let (old, new) = (formats::config::to_toml(&old)?, formats::config::to_toml(&new)?);
+    let only = |a: &str, b: &str, mark: &str| -> String {
+        a.lines().filter(|l| !b.lines().any(|m| m == *l)).map(|l| format!("  {mark} {l}\n")).collect()
+    };
+    let differences = only(&old, &new, "there:") + &only(&new, &old, "now:  ");
+    Err(GenerateError::OtherSettings { out: job.out.to_owned(), differences })
 }

@@ -193,7 +193,7 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let out = args.out.clone().unwrap_or_else(|| default_out(&config));
     let commit = formats::run::commit();
     let job = Job { config: &config, objects: &objects, part, out: &out, jobs: args.jobs, commit: &commit };
-    let mut run = prepare(&job, "datagen")?;
+    let mut prepared = prepare(&job, "datagen")?;
 
     static STOP: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| {
@@ -204,7 +204,7 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     })
     .context("cannot watch for Ctrl-C")?;
     if !args.json {
-        let threads = if args.jobs > 0 { args.jobs } else { run.provenance().threads };
+        let threads = if args.jobs > 0 { args.jobs } else { prepared.run.provenance().threads };
         let name = config.dataset.name.as_str();
         eprintln!("{} objects of {name} into {}, {threads} threads", objects.len(), out.display());
     }
@@ -218,7 +218,7 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
         Ok(summary) => format!("stopped, {} objects left", summary.left),
         Err(error) => error.to_string(),
     };
-    run.finish(&outcome)?;
+    prepared.run.finish(&outcome)?;
     let summary = summary.context("stopped; what is finished stays, and the same command goes on from there")?;
     let seconds = clock.elapsed().as_secs_f64();
     if args.json {

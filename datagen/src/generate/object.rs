@@ -58,6 +58,7 @@ pub(super) fn make(
             let record = record(object, Fate::Skipped { reason: reason.clone() });
             let mut text = serde_json::to_string_pretty(&record).unwrap_or_default();
             text.push('\n');
+            remove_temporaries(&skip);
             atomic_write(&skip, text.as_bytes())?;
             Ok(Outcome::Skipped(reason))
         }
