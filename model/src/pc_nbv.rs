@@ -75,7 +75,7 @@ impl PcNbvNetConfig {
                 query: SpectralLinear::new(UNIT, UNIT / 4, device),
                 key: SpectralLinear::new(UNIT, UNIT / 4, device),
                 value: SpectralLinear::new(UNIT, UNIT, device),
-                gamma: Initializer::Zeros.init([1], device),
+                scale: Initializer::Zeros.init([1], device),
             },
             attention_norm: blocks::batch_norm_layer(UNIT, device),
             encoder: (linear_bn(UNIT, 1024), linear_bn(1024, 1024)),
@@ -259,17 +259,17 @@ fn unit(v: Tensor<1>) -> Tensor<1> {
     v / norm
 }
 
-/// Self-attention over points with the softmax over queries, scaled by a learned gamma that starts at 0.
+/// Self-attention over points with the softmax over queries, scaled by a learned factor (gamma in the publication) that starts at 0.
 #[derive(Module, Debug)]
 struct QueryAttention {
     query: SpectralLinear,
     key: SpectralLinear,
     value: SpectralLinear,
-    gamma: Param<Tensor<1>>,
+    scale: Param<Tensor<1>>,
 }
 
 impl QueryAttention {
-    /// [B, N, 561] -> [B, N, 561]: out_j = gamma sum_i value_i A_ij + z_j, where each column of A sums to 1.
+    /// [B, N, 561] -> [B, N, 561]: out_j = scale sum_i value_i A_ij + z_j, where each column of A sums to 1.
     fn forward(&self, z: Tensor<3>) -> Tensor<3> {
         let [b, n, c] = z.dims();
         let rows = z.clone().reshape([b * n, c]);
@@ -278,6 +278,6 @@ impl QueryAttention {
         let value = self.value.forward(rows).reshape([b, n, c]);
         let attention = softmax(query.matmul(key.swap_dims(1, 2)), 1); // [B, N query, N key]
         let out = attention.swap_dims(1, 2).matmul(value); // [B, N, 561]
-        z + out * self.gamma.val().reshape([1, 1, 1])
+        z + out * self.scale.val().reshape([1, 1, 1])
     }
 }
