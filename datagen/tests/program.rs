@@ -37,7 +37,7 @@ fn bytes(directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
             if path.is_dir() {
                 visit(root, &path, files);
-            } else if !(name.starts_with("run") && name.ends_with(".toml")) && !name.starts_with(".lock") {
+            } else if !(name.starts_with(".lock") || name.starts_with("run") && name.ends_with(".toml")) {
                 files.insert(path.strip_prefix(root).unwrap().to_owned(), std::fs::read(&path).unwrap());
             }
         }

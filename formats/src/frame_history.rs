@@ -68,7 +68,7 @@ pub fn parse_frame_history(path: &Path, bytes: &[u8]) -> Result<Vec<Frame>, Form
             body.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap_or_default())).collect();
         let (points, tail) = numbers.split_at(count as usize * 6);
         let (views, scores) = tail.split_at(12 + NUM_VIEWS * 6);
-        if let Some(x) = points.iter().chain(views).find(|x| !(x.abs() <= FARTHEST)) {
+        if let Some(x) = points.iter().chain(views).find(|x| x.is_nan() || x.abs() > FARTHEST) {
             let expected = format!("coordinates up to {FARTHEST} m{HINT}");
             return Err(FormatError::syntax(path, place, format!("{x}"), expected));
         }

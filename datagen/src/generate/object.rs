@@ -81,7 +81,7 @@ fn scan_object(
         Err(error) => return Ok(Err(error.to_string())),
     };
     let (low, high) = mesh.bounding_box();
-    if !((high - low).norm() > 0.0) {
+    if (high - low).norm() == 0.0 {
         return Ok(Err("the mesh has no extent".to_owned()));
     }
     let samples = surface_samples(job, object, &mesh)?;

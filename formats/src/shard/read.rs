@@ -250,7 +250,9 @@ impl ShardReader {
             if cloud.flat_map(|v| [v.x, v.y, v.z]).any(|x| !x.is_finite()) {
                 return Err(FormatError::syntax(&self.path, place(), "a cloud with NaN or infinity", "finite numbers"));
             }
-            if let Some(c) = sample.candidates.iter().find(|c| !c.view.is_valid() || !(c.density >= 0.0)) {
+            if let Some(c) =
+                sample.candidates.iter().find(|c| !c.view.is_valid() || c.density.is_nan() || c.density < 0.0)
+            {
                 return Err(FormatError::syntax(
                     &self.path,
                     place(),
