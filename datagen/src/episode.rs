@@ -1,8 +1,10 @@
 //! The one loop of scanning and planning, for data generation, validation in training, and evaluation alike.
 
+use crate::pose_error::{PoseError, PoseErrorConfig};
 use crate::scene::{RenderConfig, RenderScratch, Scene};
 use geometry::coverage::matched_surface;
 use geometry::metrics::{SurfaceDistances, surface_distances, views_to};
+use geometry::rng::stream;
 use geometry::{
     Misses, PastScan, PinholeCamera, Planner, PointCloud, RankedView, ScanState, Seen, View, VoxelOrigin, coverage,
     estimate_normals, mean_spacing, orient_normals_along, orient_normals_toward, overlap,
@@ -94,6 +96,8 @@ pub struct EpisodeConfig {
     pub image: ImageConfig,
     /// How it measures.
     pub render: RenderConfig,
+    /// Errors of the camera's pose and of its registration; absent: none.
+    pub pose_error: Option<PoseErrorConfig>,
     /// Distance from target to camera, metres (1.2).
     pub working_distance_m: f64,
     /// Distance of the first camera from the origin, metres; absent: the working distance.
@@ -121,6 +125,7 @@ impl Default for EpisodeConfig {
         Self {
             image: ImageConfig::default(),
             render: RenderConfig::default(),
+            pose_error: None,
             working_distance_m: 1.2,
             initial_distance_m: None,
             initial_whole_degrees: false,
@@ -281,7 +286,8 @@ pub fn run_episode_with<P: Planner + ?Sized>(
     if let Some(noise) = &mut config.render.noise {
         noise.seed ^= noise_key;
     }
-    let mut simulator = Simulator { scene, config: &config, scratch: RenderScratch::default() };
+    let pose_error = config.pose_error.clone().map(|c| PoseError::new(c, stream(noise_key, "pose")));
+    let mut simulator = Simulator { scene, config: &config, scratch: RenderScratch::default(), pose_error };
     let Start { view, first, void_draws } = first_scan(&mut simulator, samples, rng)?;
     let FirstScan { points, past, mut state, reference, mut current } = first;
     let mut episode = Episode {
@@ -337,22 +343,27 @@ struct Simulator<'a> {
     scene: &'a Scene,
     config: &'a EpisodeConfig,
     scratch: RenderScratch,
+    pose_error: Option<PoseError>,
 }
 
 impl Simulator<'_> {
     /// What the camera sees from a view, as evidence and as a cloud with normals. Nothing from a degenerate view.
     fn scan(&mut self, view: &View) -> (PastScan, PointCloud) {
         let camera = self.config.image.camera();
-        let world_from_camera = view.world_from_camera();
+        let commanded = view.world_from_camera();
+        let (actual, world_from_camera) = match &mut self.pose_error {
+            Some(error) => error.poses(&commanded),
+            None => (commanded, commanded),
+        };
         let depth = if view.is_valid() {
-            self.scene.render(&camera, &world_from_camera, &self.config.render, &mut self.scratch).clone()
+            self.scene.render(&camera, &actual, &self.config.render, &mut self.scratch).clone()
         } else {
             geometry::DepthImage::default()
         };
         let points = depth.to_points(&camera, &world_from_camera);
         let mut cloud = PointCloud { normals: estimate_normals(&points, NORMAL_NEIGHBORS), points };
         match self.config.accumulate {
-            Accumulate::Measured => orient_normals_toward(&mut cloud, &view.position),
+            Accumulate::Measured => orient_normals_toward(&mut cloud, &world_from_camera.translation.vector.into()),
             Accumulate::Matched => orient_normals_along(&mut cloud, &view.direction()),
         }
         (PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses: Misses::Free } }, cloud)
@@ -379,6 +390,9 @@ fn first_scan(simulator: &mut Simulator, samples: &[Point3<f64>], rng: &mut ChaC
     let (mut most_points, mut best_coverage) = (0, 0f64);
     for void_draws in 0..config.max_draws {
         let view = initial_view(config, rng);
+        if let Some(error) = &mut simulator.pose_error {
+            error.restart();
+        }
         let (past, scan) = simulator.scan(&view);
         most_points = most_points.max(scan.len());
         if scan.len() < config.min_first_points.max(2) {

@@ -1,1 +1,16 @@
-//! evaluate
+//! Policies, metrics and the paper's tables: objects x policies x episodes through one loop, with confidence intervals.
+
+pub mod benchmark;
+pub mod bootstrap;
+pub mod config;
+pub mod journal;
+pub mod metrics;
+#[cfg(feature = "networks")]
+pub mod networks;
+#[cfg(not(feature = "networks"))]
+#[path = "no_networks.rs"]
+pub mod networks;
+pub mod objects;
+pub mod policies;
+pub mod record;
+pub mod report;

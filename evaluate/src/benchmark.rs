@@ -1,0 +1,158 @@
+//! Objects x policies x episodes on all cores, resumable: the outcome of an episode depends on the settings, the object,
+//! the policy and its number alone.
+
+use crate::config::EvaluateConfig;
+use crate::journal::{Contents, Entry, Journal, JournalError};
+use crate::networks::Networks;
+use crate::objects::Object;
+use crate::policies::table::AboveTable;
+use crate::policies::{BoxedPlanner, PolicyContext, PolicyError, make};
+use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
+use datagen::{Decision, Episode, VoidEpisode, run_episode_with};
+use geometry::Planner;
+use geometry::rng::stream;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Why a run stops.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchmarkError {
+    /// A policy cannot be made.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The journal cannot be written.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// Makes the policy that an episode runs, within reach of the table if there is one.
+pub fn planner<'a>(
+    policy: &str,
+    object: &'a Object,
+    config: &'a EvaluateConfig,
+    networks: &'a Networks,
+) -> Result<BoxedPlanner<'a>, PolicyError> {
+    let context = PolicyContext { scene: &object.scene, samples: &object.samples, config, networks };
+    let inner = make(policy, &context)?;
+    Ok(match object.least_z {
+        Some(z) => Box::new(AboveTable::new(inner, z)),
+        None => inner,
+    })
+}
+
+/// One episode. Policies given the same object and number start from the same view.
+///
+/// # Errors
+/// No usable first view.
+pub fn episode(
+    object: &Object,
+    planner: &mut (dyn Planner + Send + '_),
+    number: usize,
+    config: &EvaluateConfig,
+    observe: impl FnMut(&Decision),
+) -> Result<Episode, VoidEpisode> {
+    let mut rng = stream(config.seed, &format!("episode/{}/{number}", object.name));
+    let mut observe = observe;
+    run_episode_with(&object.scene, &object.samples, planner, &config.episode, &mut rng, |_, decision| {
+        observe(decision)
+    })
+}
+
+/// Runs what is missing of these objects' episodes and adds it to the journal and to `contents`. Returns early, with
+/// what is done kept, once `stop` is set.
+///
+/// # Errors
+/// A policy that cannot be made, a journal that cannot be written.
+pub fn run(
+    objects: &[Object],
+    policies: &[String],
+    config: &EvaluateConfig,
+    networks: &Networks,
+    journal: &Journal,
+    contents: &mut Contents,
+    stop: &AtomicBool,
+    done: impl Fn(&EpisodeKey) + Sync,
+) -> Result<(), BenchmarkError> {
+    let have: BTreeSet<EpisodeKey> = contents.keys();
+    let jobs: Vec<(&Object, EpisodeKey)> = objects
+        .iter()
+        .flat_map(|object| {
+            policies.iter().flat_map(move |policy| {
+                (0..config.episodes).map(move |episode| {
+                    (object, EpisodeKey { object: object.name.clone(), policy: policy.clone(), episode })
+                })
+            })
+        })
+        .filter(|(_, key)| !have.contains(key))
+        .collect();
+    let entries: Vec<Entry> = jobs
+        .into_par_iter()
+        .with_max_len(1)
+        .filter_map(|(object, key)| {
+            if stop.load(Ordering::Relaxed) {
+                return None;
+            }
+            Some(run_one(object, key, config, networks).and_then(|entry| {
+                journal.append(&entry)?;
+                match &entry {
+                    Entry::Episode { record, .. } => done(&record.key),
+                    Entry::Skipped(skipped) => done(&skipped.key),
+                    Entry::Settings(_) => {}
+                }
+                Ok(entry)
+            }))
+        })
+        .collect::<Result<_, _>>()?;
+    for entry in entries {
+        match entry {
+            Entry::Episode { record, timing } => contents.episodes.push((record, timing)),
+            Entry::Skipped(skipped) => contents.skipped.push(skipped),
+            Entry::Settings(_) => {}
+        }
+    }
+    contents.sort();
+    Ok(())
+}
+
+fn run_one(
+    object: &Object,
+    key: EpisodeKey,
+    config: &EvaluateConfig,
+    networks: &Networks,
+) -> Result<Entry, BenchmarkError> {
+    let mut planner = planner(&key.policy, object, config, networks)?;
+    let clock = ThreadClock::start();
+    Ok(match episode(object, planner.as_mut(), key.episode, config, |_| {}) {
+        Ok(outcome) => Entry::Episode {
+            timing: Timing { episode_s: clock.seconds(), decisions_s: outcome.decision_seconds.clone() },
+            record: EpisodeRecord::new(key, &outcome),
+        },
+        Err(void) => Entry::Skipped(Skipped { key, reason: void.to_string() }),
+    })
+}
+
+/// Processor time of this thread where the system tells it, else wall time: the machine may be shared.
+struct ThreadClock {
+    cpu: Option<f64>,
+    wall: std::time::Instant,
+}
+
+impl ThreadClock {
+    fn start() -> Self {
+        Self { cpu: Self::cpu_seconds(), wall: std::time::Instant::now() }
+    }
+
+    fn seconds(&self) -> f64 {
+        match (self.cpu, Self::cpu_seconds()) {
+            (Some(start), Some(now)) => now - start,
+            _ => self.wall.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// First field of Linux' schedstat: nanoseconds on a processor.
+    fn cpu_seconds() -> Option<f64> {
+        let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+        Some(text.split_whitespace().next()?.parse::<f64>().ok()? * 1e-9)
+    }
+}

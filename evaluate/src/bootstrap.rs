@@ -1,0 +1,147 @@
+//! Confidence intervals by resampling: over episodes with the objects held fixed, and over objects.
+
+use crate::metrics::{Column, Draw, Figure, Runs, efficiency};
+use geometry::rng::stream;
+use rand::Rng;
+
+/// What is drawn again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Over {
+    /// Episodes, within each object: how far another run of the same objects may lie.
+    Episodes,
+    /// Objects, each with all its episodes: how far other objects may lie.
+    Objects,
+}
+
+/// A value with its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// The value itself.
+    pub value: f64,
+    /// 2.5th percentile of the resampled values.
+    pub low: f64,
+    /// 97.5th percentile.
+    pub high: f64,
+}
+
+/// Draws with repetition for lists of these sizes, the same for every policy: differences stay paired.
+pub fn draws(sizes: &[usize], over: Over, resamples: usize, seed: u64) -> Vec<Draw> {
+    let mut rng = stream(seed, "bootstrap");
+    (0..resamples)
+        .map(|_| match over {
+            Over::Episodes => sizes
+                .iter()
+                .enumerate()
+                .map(|(object, &n)| (object, (0..n).map(|_| rng.gen_range(0..n)).collect()))
+                .collect(),
+            Over::Objects => (0..sizes.len())
+                .map(|_| {
+                    let object = rng.gen_range(0..sizes.len());
+                    (object, (0..sizes[object]).collect())
+                })
+                .collect(),
+        })
+        .collect()
+}
+
+/// The interval of a statistic: of all episodes, and of each draw.
+pub fn interval(value: Option<f64>, draws: &[Draw], statistic: impl Fn(&Draw) -> Option<f64>) -> Option<Interval> {
+    let mut values: Vec<f64> = draws.iter().filter_map(statistic).filter(|v| v.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values.get((share * (values.len().max(1) - 1) as f64).round() as usize).copied();
+    Some(Interval { value: value?, low: at(0.025)?, high: at(0.975)? })
+}
+
+/// Interval of a figure's mean.
+pub fn mean_interval(column: &Column, draws: &[Draw]) -> Option<Interval> {
+    interval(column.mean(), draws, |d| column.mean_of(d))
+}
+
+/// Interval of the efficiency.
+pub fn efficiency_interval(runs: &Runs, never: usize, draws: &[Draw]) -> Option<Interval> {
+    let [c, v] = [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| runs.column(f, never));
+    interval(efficiency(c.mean(), v.mean()), draws, |d| efficiency(c.mean_of(d), v.mean_of(d)))
+}
+
+/// Interval of a figure's mean minus the baseline's, paired by object and episode.
+pub fn difference(
+    runs: &Runs,
+    baseline: &Runs,
+    figure: Figure,
+    never: usize,
+    over: Over,
+    resamples: usize,
+    seed: u64,
+) -> Option<Interval> {
+    let (a, b) = runs.paired(baseline);
+    let [a, b] = [a, b].map(|r| r.column(figure, never));
+    let draws = draws(&a.sizes(), over, resamples, seed);
+    interval(Some(a.mean()? - b.mean()?), &draws, |d| Some(a.mean_of(d)? - b.mean_of(d)?))
+}
+
+/// Interval of the ratio of the efficiency to the baseline's, paired by object and episode.
+pub fn efficiency_ratio(
+    runs: &Runs,
+    baseline: &Runs,
+    never: usize,
+    over: Over,
+    resamples: usize,
+    seed: u64,
+) -> Option<Interval> {
+    let (a, b) = runs.paired(baseline);
+    let columns = |r: &Runs| [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| r.column(f, never));
+    let ([ac, av], [bc, bv]) = (columns(&a), columns(&b));
+    let draws = draws(&ac.sizes(), over, resamples, seed);
+    let value = efficiency(ac.mean(), av.mean())? / efficiency(bc.mean(), bv.mean())?;
+    interval(Some(value), &draws, |d| {
+        Some(efficiency(ac.mean_of(d), av.mean_of(d))? / efficiency(bc.mean_of(d), bv.mean_of(d))?)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+
+    #[test]
+    fn the_interval_of_a_mean_is_that_of_theory() {
+        let mut rng = stream(3, "normal");
+        let list: Vec<_> = (0..100)
+            .map(|e| {
+                let sum: f64 = (0..12).map(|_| rng.r#gen::<f64>()).sum::<f64>() - 6.0;
+                record("a", "p", e, &[0.5 + 0.05 * sum], &[])
+            })
+            .collect();
+        let column = Runs::of(&list, "p").column(Figure::FinalCoverage, 17);
+        let found = mean_interval(&column, &draws(&column.sizes(), Over::Episodes, 4000, 1)).unwrap();
+        let half = 1.96 * column.standard_error().unwrap();
+        assert!((found.value - found.low - half).abs() < 0.15 * half, "{found:?} against +-{half}");
+        assert!((found.high - found.value - half).abs() < 0.15 * half);
+    }
+
+    #[test]
+    fn pairing_removes_what_both_share() {
+        // Each episode's difficulty moves both policies alike; the second is always half a point better.
+        let mut rng = stream(4, "pairs");
+        let list: Vec<_> = (0..40)
+            .flat_map(|e| {
+                let c = rng.gen_range(0.5..0.9);
+                [record("a", "p", e, &[c], &[]), record("a", "q", e, &[c + 0.005], &[])]
+            })
+            .collect();
+        let (p, q) = (Runs::of(&list, "p"), Runs::of(&list, "q"));
+        let d = difference(&q, &p, Figure::FinalCoverage, 17, Over::Episodes, 500, 0).unwrap();
+        assert!((d.low - 0.5).abs() < 1e-9 && (d.high - 0.5).abs() < 1e-9, "{d:?}");
+    }
+
+    #[test]
+    fn objects_drawn_again_widen_the_interval() {
+        let list: Vec<_> = (0..5)
+            .flat_map(|o| (0..20).map(move |e| record(&format!("o{o}"), "p", e, &[0.5 + 0.1 * o as f64], &[])))
+            .collect();
+        let column = Runs::of(&list, "p").column(Figure::FinalCoverage, 17);
+        let over = |over| mean_interval(&column, &draws(&column.sizes(), over, 1000, 0)).unwrap();
+        assert_eq!(over(Over::Episodes).low, over(Over::Episodes).high, "episodes of an object do not differ here");
+        assert!(over(Over::Objects).high - over(Over::Objects).low > 10.0);
+    }
+}

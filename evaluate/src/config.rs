@@ -1,0 +1,176 @@
+//! Settings of `evaluate`; `configs/evaluate.toml` shows every one at its default.
+
+use crate::policies::see::SeeConfig;
+use datagen::EpisodeConfig;
+use geometry::CandidateConfig;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Where the reference surface comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surface {
+    /// Poisson-disk samples of the mesh.
+    #[default]
+    Sampled,
+    /// The authors' own samples, `<name>_simple60k.npy` beside the mesh, where there are any; else `sampled`.
+    Published,
+}
+
+/// The object stands on a table: its least z. Cameras below the table's top are out of reach, and surface that no
+/// camera above it sees is no part of the reference.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TableConfig {
+    /// Least height of a camera above the table's top, metres.
+    pub clearance_m: f64,
+    /// Views over the upper half of the sphere that decide what can be seen.
+    pub views: usize,
+}
+
+impl Default for TableConfig {
+    fn default() -> Self {
+        Self { clearance_m: 0.02, views: 300 }
+    }
+}
+
+/// Checkpoint directories of the networks; empty: the weights that come with the program's source.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WeightsConfig {
+    /// For `benbv-net`.
+    pub benbv_net: PathBuf,
+    /// For `pc-nbv`.
+    pub pc_nbv: PathBuf,
+}
+
+/// All settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EvaluateConfig {
+    /// Set of objects: `repository3d`, `folder`, `modelnet40`, `shapenet`, `procedural`.
+    pub dataset: String,
+    /// Its directory; empty: `data/<dataset>`.
+    pub root: PathBuf,
+    /// Objects by name; empty: all.
+    pub objects: Vec<String>,
+    /// Policies; `all` stands for every one that can run here.
+    pub policies: Vec<String>,
+    /// Policy that the others are compared with.
+    pub baseline: String,
+    /// Episodes per object and policy.
+    pub episodes: usize,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Diagonal of the object's bounding box, metres.
+    pub diagonal_m: f64,
+    /// Where the reference surface comes from.
+    pub surface: Surface,
+    /// Number of its samples.
+    pub surface_samples: usize,
+    /// What a level of coverage that was never reached counts as, in views.
+    pub never: usize,
+    /// Resamples of the confidence intervals.
+    pub resamples: usize,
+    /// The scanning loop and the simulator.
+    pub episode: EpisodeConfig,
+    /// Candidate views of the policies that use BENBV's.
+    pub candidates: CandidateConfig,
+    /// Parameters of `see`.
+    pub see: SeeConfig,
+    /// The object on a table; absent: it floats.
+    pub table: Option<TableConfig>,
+    /// Checkpoints.
+    pub weights: WeightsConfig,
+}
+
+impl Default for EvaluateConfig {
+    fn default() -> Self {
+        Self {
+            dataset: "repository3d".to_owned(),
+            root: PathBuf::new(),
+            objects: Vec::new(),
+            policies: vec!["all".to_owned()],
+            baseline: "benbv".to_owned(),
+            episodes: 60,
+            seed: 0,
+            diagonal_m: 0.2,
+            surface: Surface::Sampled,
+            surface_samples: 60_000,
+            never: 17,
+            resamples: 2000,
+            episode: EpisodeConfig::default(),
+            candidates: CandidateConfig::default(),
+            see: SeeConfig::default(),
+            table: None,
+            weights: WeightsConfig::default(),
+        }
+    }
+}
+
+impl EvaluateConfig {
+    /// The publication's simulator, policies and counting.
+    pub fn paper() -> Self {
+        Self {
+            surface: Surface::Published,
+            never: 16,
+            episode: EpisodeConfig::paper(),
+            candidates: CandidateConfig::paper(),
+            ..Self::default()
+        }
+    }
+
+    /// Hash of what outcomes depend on: everything but which policies and episodes are run and how they are reported.
+    pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
+        let Self { policies, baseline, episodes, never, resamples, objects, .. } = Self::default();
+        formats::config::hash(&Self { policies, baseline, episodes, never, resamples, objects, ..self.clone() })
+    }
+}
+
+/// The same settings with the publication's as defaults: what `--preset paper` starts from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct PaperConfig(pub EvaluateConfig);
+
+impl Default for PaperConfig {
+    fn default() -> Self {
+        Self(EvaluateConfig::paper())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_configurations_equal_the_code() {
+        let load = |path: &str| {
+            let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join(path);
+            formats::config::load::<EvaluateConfig>(Some(&file), &[], &[]).unwrap_or_else(|e| panic!("{path}: {e}"))
+        };
+        assert_eq!(load("evaluate.toml"), EvaluateConfig::default());
+        assert_eq!(load("paper/evaluate.toml"), EvaluateConfig::paper());
+    }
+
+    #[test]
+    fn every_study_loads_and_changes_outcomes() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/studies");
+        let plain = EvaluateConfig::default().outcome_hash().expect("hash");
+        let mut studies = 0;
+        for entry in std::fs::read_dir(folder).expect("configs/studies").flatten() {
+            let config: EvaluateConfig = formats::config::load(Some(&entry.path()), &[], &[]).expect("loads");
+            assert_ne!(config.outcome_hash().expect("hash"), plain, "{:?} changes nothing", entry.path());
+            studies += 1;
+        }
+        assert!(studies >= 8);
+    }
+
+    #[test]
+    fn outcomes_do_not_depend_on_what_is_run_beside_them() {
+        let hash = |c: &EvaluateConfig| c.outcome_hash().expect("hash");
+        let plain = EvaluateConfig::default();
+        let more = EvaluateConfig { episodes: 5, policies: vec!["see".into()], never: 16, ..plain.clone() };
+        assert_eq!(hash(&plain), hash(&more));
+        assert_ne!(hash(&plain), hash(&EvaluateConfig { seed: 1, ..plain.clone() }));
+    }
+}

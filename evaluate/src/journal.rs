@@ -1,0 +1,236 @@
+//! The file in which a run keeps what it has done, so that it can be stopped at any moment and go on.
+
+use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// File name inside the run's directory.
+pub const JOURNAL: &str = "journal.jsonl";
+
+/// Why a journal cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// The operating system refuses.
+    #[error("{path:?}: cannot {action}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// A line in the middle is no record.
+    #[error("{path:?}, line {line}: {message}; expected a record of this program. Remove the file to start anew")]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        message: String,
+    },
+    /// Made with other settings.
+    #[error(
+        "{path:?} was made with other settings (hash {found}, now {expected}): give another --out, or remove the \
+         directory to start anew. Policies, episodes and the report may change between runs, nothing else"
+    )]
+    OtherSettings {
+        /// The file.
+        path: PathBuf,
+        /// Hash in the file.
+        found: String,
+        /// Hash of the settings now.
+        expected: String,
+    },
+}
+
+/// A line of the journal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Entry {
+    /// First line: hash of the settings that outcomes depend on.
+    Settings(String),
+    /// A finished episode.
+    Episode {
+        /// Outcome.
+        record: EpisodeRecord,
+        /// Times.
+        timing: Timing,
+    },
+    /// An episode that cannot be run.
+    Skipped(Skipped),
+}
+
+/// What a journal holds.
+#[derive(Clone, Debug, Default)]
+pub struct Contents {
+    /// Finished episodes with their times, by key.
+    pub episodes: Vec<(EpisodeRecord, Timing)>,
+    /// Those that could not be run, by key.
+    pub skipped: Vec<Skipped>,
+}
+
+impl Contents {
+    /// Keys of everything that need not be run again.
+    pub fn keys(&self) -> BTreeSet<EpisodeKey> {
+        self.episodes.iter().map(|(r, _)| &r.key).chain(self.skipped.iter().map(|s| &s.key)).cloned().collect()
+    }
+
+    /// Into the order of keys.
+    pub(crate) fn sort(&mut self) {
+        self.episodes.sort_by(|a, b| a.0.key.cmp(&b.0.key));
+        self.skipped.sort_by(|a, b| a.key.cmp(&b.key));
+    }
+}
+
+/// An open journal; a line is written at once and whole.
+pub struct Journal {
+    path: PathBuf,
+    file: Mutex<File>,
+}
+
+impl Journal {
+    /// Opens or makes the journal of a run's directory and answers with what it holds. A last line that was cut off is
+    /// removed.
+    pub fn open(directory: &Path, settings: &str) -> Result<(Self, Contents), JournalError> {
+        let path = directory.join(JOURNAL);
+        let io = |action| {
+            let path = path.clone();
+            move |source| JournalError::Io { path, action, source }
+        };
+        std::fs::create_dir_all(directory).map_err(io("make the directory of"))?;
+        let mut file =
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io("open"))?;
+        let mut text = String::new();
+        file.read_to_string(&mut text).map_err(io("read"))?;
+        let whole = text.rfind('\n').map_or(0, |i| i + 1);
+        file.set_len(whole as u64).map_err(io("shorten"))?;
+        file.seek(SeekFrom::End(0)).map_err(io("seek in"))?;
+        let contents = parse(&path, &text[..whole], Some(settings))?;
+        let journal = Self { path, file: Mutex::new(file) };
+        if whole == 0 {
+            journal.append(&Entry::Settings(settings.to_owned()))?;
+        }
+        Ok((journal, contents))
+    }
+
+    /// Adds a line.
+    pub fn append(&self, entry: &Entry) -> Result<(), JournalError> {
+        let fail = |source: std::io::Error| JournalError::Io { path: self.path.clone(), action: "write", source };
+        let mut value = serde_json::to_value(entry).map_err(|e| fail(e.into()))?;
+        spell_out(&mut value);
+        let line = format!("{value}\n");
+        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        file.write_all(line.as_bytes()).and_then(|()| file.sync_data()).map_err(fail)
+    }
+}
+
+/// What the journal of a finished or unfinished run holds.
+pub fn read(directory: &Path) -> Result<Contents, JournalError> {
+    let path = directory.join(JOURNAL);
+    let text = std::fs::read_to_string(&path).map_err(|source| JournalError::Io {
+        path: path.clone(),
+        action: "read (is it a folder of `evaluate`?)",
+        source,
+    })?;
+    let whole = text.rfind('\n').map_or(0, |i| i + 1);
+    parse(&path, &text[..whole], None)
+}
+
+/// Marks a number written as text.
+const EXACT: &str = "f64:";
+
+/// Numbers with a fraction become text: serde_json reads them back with the last bit wrong (its exact reader is a feature
+/// that would rebuild every crate), and a resumed run must end in the same bytes.
+fn spell_out(value: &mut Value) {
+    match value {
+        Value::Number(n) if n.is_f64() => *value = Value::String(format!("{EXACT}{n}")),
+        Value::Array(list) => list.iter_mut().for_each(spell_out),
+        Value::Object(map) => map.values_mut().for_each(spell_out),
+        _ => {}
+    }
+}
+
+fn read_back(value: &mut Value) {
+    match value {
+        Value::String(text) => {
+            if let Some(number) = text.strip_prefix(EXACT).and_then(|t| t.parse::<f64>().ok()) {
+                *value = Value::from(number);
+            }
+        }
+        Value::Array(list) => list.iter_mut().for_each(read_back),
+        Value::Object(map) => map.values_mut().for_each(read_back),
+        _ => {}
+    }
+}
+
+fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, JournalError> {
+    let mut contents = Contents::default();
+    for (i, line) in text.lines().enumerate() {
+        let read = |line| {
+            let mut value = serde_json::from_str(line)?;
+            read_back(&mut value);
+            serde_json::from_value(value)
+        };
+        let entry: Entry = read(line).map_err(|e: serde_json::Error| JournalError::Line {
+            path: path.to_owned(),
+            line: i + 1,
+            message: e.to_string(),
+        })?;
+        match entry {
+            Entry::Settings(found) => {
+                if let Some(expected) = settings
+                    && expected != found
+                {
+                    let (path, expected) = (path.to_owned(), expected.to_owned());
+                    return Err(JournalError::OtherSettings { path, found, expected });
+                }
+            }
+            Entry::Episode { record, timing } => contents.episodes.push((record, timing)),
+            Entry::Skipped(skipped) => contents.skipped.push(skipped),
+        }
+    }
+    contents.sort();
+    Ok(contents)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+
+    fn entry(episode: usize) -> Entry {
+        let timing = Timing { episode_s: 0.1, decisions_s: vec![0.01] };
+        Entry::Episode { record: record("a", "p", episode, &[0.3, 1.0 / 3.0], &[Some(0.1)]), timing }
+    }
+
+    #[test]
+    fn goes_on_after_a_cut_line_and_refuses_other_settings() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let (journal, contents) = Journal::open(dir.path(), "h1").expect("new");
+        assert!(contents.episodes.is_empty());
+        journal.append(&entry(1)).expect("written");
+        journal.append(&entry(0)).expect("written");
+        drop(journal);
+        let path = dir.path().join(JOURNAL);
+        let mut text = std::fs::read_to_string(&path).expect("readable");
+        text.push_str("{\"episode\":{\"rec");
+        std::fs::write(&path, &text).expect("writable");
+        let (journal, contents) = Journal::open(dir.path(), "h1").expect("reopened");
+        assert_eq!(contents.episodes.len(), 2);
+        assert_eq!(contents.episodes[0].0.key.episode, 0, "sorted by key");
+        assert_eq!(contents.episodes[0].0.coverages[1], 1.0 / 3.0, "numbers survive exactly");
+        journal.append(&entry(2)).expect("written");
+        assert_eq!(read(dir.path()).expect("readable").episodes.len(), 3);
+        let error = Journal::open(dir.path(), "h2").err().expect("refused").to_string();
+        assert!(error.contains("other settings") && error.contains("--out"), "{error}");
+        std::fs::write(&path, "{}\n").expect("writable");
+        assert!(read(dir.path()).err().expect("refused").to_string().contains("line 1"));
+    }
+}

@@ -1,0 +1,79 @@
+//! PC-NBV over its 33 views: the one of which the network expects the most new surface (pc-nbv.md, section 6).
+
+use super::sphere::{nearest_direction, pc_nbv_33, view_at};
+use super::{Radius, ranked};
+use geometry::{Planner, RankedView, ScanState};
+use model::pc_nbv::VIEWS;
+use model::pc_nbv_model::PcNbvModel;
+use nalgebra::{Point3, Vector3};
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+/// Points that the network sees, unless driven as published.
+const POINTS: usize = 1024;
+
+/// PC-NBV as a policy.
+pub struct PcNbvPlanner {
+    name: String,
+    network: PcNbvModel,
+    radius: Radius,
+    /// As published: the whole cloud, and used views stay on offer.
+    published: bool,
+    directions: Vec<Vector3<f64>>,
+    state: [f32; VIEWS],
+    /// Scans whose views are marked.
+    marked: usize,
+}
+
+impl PcNbvPlanner {
+    /// With these weights. `published`: unmasked, with the whole cloud, 0.3 m farther from the centre.
+    pub fn new(name: &str, network: PcNbvModel, published: bool) -> Self {
+        let radius = if published { Radius::Paper } else { Radius::Working };
+        let name = name.to_owned();
+        Self { name, network, radius, published, directions: pc_nbv_33(), state: [0.0; VIEWS], marked: 0 }
+    }
+
+    fn input(&self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+        let points = &state.cloud.points;
+        match points.len() {
+            n if self.published || n == POINTS => points.clone(),
+            n if n > POINTS => points.choose_multiple(rng, POINTS).copied().collect(),
+            0 => Vec::new(),
+            // Fewer are repeated at random.
+            n => (0..POINTS).filter_map(|i| if i < n { points.get(i) } else { points.choose(rng) }).copied().collect(),
+        }
+    }
+}
+
+impl Planner for PcNbvPlanner {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Empty when every view was used, or the cloud is too small for the network.
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        for scan in state.scans.iter().skip(self.marked) {
+            let position = Point3::from(scan.world_from_camera.translation.vector);
+            if let Some(i) = nearest_direction(&self.directions, &position) {
+                self.state[i] = 1.0;
+            }
+        }
+        self.marked = state.scans.len();
+        let Ok(gains) = self.network.predict(&self.input(state, rng), &self.state) else { return Vec::new() };
+        let radius = self.radius.metres(state);
+        let mut views: Vec<RankedView> = (0..VIEWS)
+            .filter(|&i| self.published || self.state[i] == 0.0)
+            .map(|i| {
+                let gain = f64::from(gains[i]);
+                RankedView { gain: Some(gain), ..ranked(view_at(&self.directions[i], radius), gain) }
+            })
+            .collect();
+        views.sort_by(|a, b| b.score.total_cmp(&a.score));
+        views
+    }
+
+    fn reset(&mut self) {
+        self.state = [0.0; VIEWS];
+        self.marked = 0;
+    }
+}

@@ -1,0 +1,31 @@
+//! Random Boundary: one of BENBV's candidate views, at random (baselines.md, section 4).
+
+use super::ranked;
+use geometry::{CandidateConfig, Planner, RankedView, ScanState, candidate_views};
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+/// Uniform among the candidates of each decision; repeats are possible.
+pub struct RandomBoundaryPlanner {
+    candidates: CandidateConfig,
+}
+
+impl RandomBoundaryPlanner {
+    /// With the candidates of this configuration.
+    pub fn new(candidates: CandidateConfig) -> Self {
+        Self { candidates }
+    }
+}
+
+impl Planner for RandomBoundaryPlanner {
+    fn name(&self) -> &str {
+        "random-boundary"
+    }
+
+    /// Empty if the cloud has no boundary.
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        let mut candidates = candidate_views(&state.cloud, state.working_distance, &self.candidates, rng);
+        candidates.shuffle(rng);
+        candidates.into_iter().map(|c| ranked(c.view, 0.0)).collect()
+    }
+}

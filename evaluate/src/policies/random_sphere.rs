@@ -1,0 +1,39 @@
+//! Random Sphere: whole degrees drawn anew for every view (baselines.md, section 5).
+
+use super::ranked;
+use super::sphere::{direction_deg, view_at};
+use geometry::{Planner, RankedView, ScanState};
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+
+/// Draws offered per decision, so that constraints may pass over some.
+const DRAWS: usize = 64;
+
+/// Polar angle and azimuth uniform in whole degrees: denser at the poles, as published.
+pub struct RandomSpherePlanner {
+    name: String,
+    radius: super::Radius,
+}
+
+impl RandomSpherePlanner {
+    /// On the sphere of this radius.
+    pub fn new(name: &str, radius: super::Radius) -> Self {
+        Self { name: name.to_owned(), radius }
+    }
+}
+
+impl Planner for RandomSpherePlanner {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        let radius = self.radius.metres(state);
+        (0..DRAWS)
+            .map(|_| {
+                let (polar, azimuth) = (rng.gen_range(0..180), rng.gen_range(0..360));
+                ranked(view_at(&direction_deg(f64::from(polar), f64::from(azimuth)), radius), 0.0)
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,134 @@
+//! SEE, the Surface Edge Explorer in its SEE++ generation (Border and Gammell, IJRR 2024; see.md): density classes of
+//! points instead of a mesh or voxels, views proposed at the edges of the seen surface, turned out of occlusion ahead
+//! of time, chosen by a graph of which view sees which edge. Exact neighbours, fixed order and no clock replace the
+//! published octree, threads and time-limited solver, so that runs repeat.
+
+mod controller;
+mod frontier;
+mod graph;
+mod grid;
+mod optimise;
+mod params;
+mod state;
+#[cfg(test)]
+mod tests;
+mod visibility;
+
+pub use params::SeeConfig;
+
+use geometry::{PastScan, Planner, RankedView, ScanState, Seen, View};
+use nalgebra::Point3;
+use params::SeeParams;
+use rand_chacha::ChaCha8Rng;
+use state::Surface;
+
+/// SEE as a policy. Offers nothing when no frontier is left, or when the scans' poses are not known.
+pub struct SeePlanner {
+    name: String,
+    config: SeeConfig,
+    drive: Drive,
+    surface: Option<Surface>,
+    /// Scans already taken in.
+    seen: usize,
+}
+
+/// How the benchmark calls SEE.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Drive {
+    /// The newest scan with its camera.
+    Correct,
+    /// As published (see.md, section 15).
+    Paper,
+}
+
+impl SeePlanner {
+    /// Driven as its authors meant it: each new scan with the position it was taken from.
+    pub fn new(name: &str, config: SeeConfig) -> Self {
+        Self { name: name.to_owned(), config, drive: Drive::Correct, surface: None, seen: 0 }
+    }
+
+    /// Driven as the published benchmark did: the accumulated cloud instead of the scan, the last *target* as the
+    /// sensor's position, and the last proposal repeated when no frontier is left.
+    pub fn paper() -> Self {
+        Self { drive: Drive::Paper, ..Self::new("see:paper", SeeConfig::paper()) }
+    }
+
+    fn surface(&mut self, state: &ScanState, scan: &[Point3<f64>]) -> Option<&mut Surface> {
+        if self.surface.is_none() {
+            let params = SeeParams::resolve(&self.config, scan, state.grid_size, state.working_distance)?;
+            self.surface = Some(Surface::new(params));
+        }
+        self.surface.as_mut()
+    }
+
+    fn rank_correct(&mut self, state: &ScanState) -> Vec<RankedView> {
+        let unseen = self.seen.min(state.scans.len());
+        self.seen = state.scans.len();
+        for scan in &state.scans[unseen..] {
+            let points = points_of(scan);
+            let sensor = Point3::from(scan.world_from_camera.translation.vector);
+            match self.surface(state, &points) {
+                Some(surface) => surface.update(&points, sensor),
+                None => return Vec::new(),
+            }
+        }
+        let Some(surface) = self.surface.as_ref().filter(|s| !s.done) else { return Vec::new() };
+        let Some(target) = surface.target else { return Vec::new() };
+        let rest = surface.frontiers_by_view(&surface.sensor, usize::MAX).into_iter().filter(|&i| i != target);
+        std::iter::once(target).chain(rest).map(|i| ranked(surface.proposal(i), surface.graph.sees(i))).collect()
+    }
+
+    fn rank_paper(&mut self, state: &ScanState) -> Vec<RankedView> {
+        let sensor = match &self.surface {
+            // The first call names the initial view's target, the origin, as the sensor.
+            None => Point3::origin(),
+            Some(surface) => {
+                surface.next.map_or_else(Point3::origin, |view| rebuilt(&view, state.working_distance).target)
+            }
+        };
+        match self.surface(state, &state.cloud.points) {
+            Some(surface) => surface.update(&state.cloud.points, sensor),
+            None => return Vec::new(),
+        }
+        // Before any selection the published proposal is zeroed memory: a camera in its own target sees nothing.
+        let zeros = View { target: Point3::origin(), position: Point3::origin() };
+        let next =
+            self.surface.as_ref().and_then(|s| s.next).map_or(zeros, |view| rebuilt(&view, state.working_distance));
+        vec![ranked(next, 0)]
+    }
+}
+
+/// The published harness puts the target at the working distance before the camera, wherever SEE meant it.
+fn rebuilt(view: &View, working_distance: f64) -> View {
+    View { target: view.position - working_distance * view.direction(), position: view.position }
+}
+
+fn ranked(view: View, sees: usize) -> RankedView {
+    RankedView { view, score: (sees + 1) as f64, gain: None, overlap: None }
+}
+
+/// World points of a scan.
+fn points_of(scan: &PastScan) -> Vec<Point3<f64>> {
+    match &scan.seen {
+        Seen::Depth { camera, depth, .. } => depth.to_points(camera, &scan.world_from_camera),
+        Seen::Points(points) => points.clone(),
+    }
+}
+
+impl Planner for SeePlanner {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn rank_views(&mut self, state: &ScanState, _rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        match self.drive {
+            Drive::Correct => self.rank_correct(state),
+            Drive::Paper => self.rank_paper(state),
+        }
+    }
+
+    fn reset(&mut self) {
+        self.surface = None;
+        self.seen = 0;
+    }
+}

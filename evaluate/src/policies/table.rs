@@ -1,0 +1,33 @@
+//! An object on a table: nothing is reachable below the table's top, whatever the policy prefers.
+
+use geometry::{Planner, RankedView, ScanState};
+use rand_chacha::ChaCha8Rng;
+
+/// Passes over views whose camera stands below a height.
+pub struct AboveTable<'a> {
+    inner: Box<dyn Planner + Send + 'a>,
+    least_z: f64,
+}
+
+impl<'a> AboveTable<'a> {
+    /// The policy's views with the camera at least this high, metres.
+    pub fn new(inner: Box<dyn Planner + Send + 'a>, least_z: f64) -> Self {
+        Self { inner, least_z }
+    }
+}
+
+impl Planner for AboveTable<'_> {
+    fn name(&self) -> &str {
+        self.inner.name()
+    }
+
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        let mut views = self.inner.rank_views(state, rng);
+        views.retain(|r| r.view.position.z >= self.least_z);
+        views
+    }
+
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}

@@ -1,0 +1,95 @@
+//! Result folders side by side: how each policy changes from one setting to another.
+
+use super::policy_order;
+use super::table::{Table, number};
+use crate::bootstrap::{Over, efficiency_ratio};
+use crate::journal::Contents;
+use crate::metrics::{Figure, Runs, efficiency};
+
+/// A folder's name and what it holds.
+pub struct Folder {
+    /// Name in the header.
+    pub name: String,
+    /// Its journal.
+    pub contents: Contents,
+}
+
+/// Tables with one column per folder: each figure by policy, and the efficiency relative to the first folder and to the
+/// baseline within each folder.
+pub fn tables(folders: &[Folder], baseline: &str, never: usize) -> Vec<Table> {
+    let mut policies: Vec<String> = Vec::new();
+    for folder in folders {
+        for policy in policy_order(&folder.contents, &policies) {
+            if !policies.contains(&policy) {
+                policies.push(policy);
+            }
+        }
+    }
+    let header: Vec<&str> = std::iter::once("policy").chain(folders.iter().map(|f| f.name.as_str())).collect();
+    let build = |title: &str, note: &str, cell: &dyn Fn(&Folder, &str) -> String| {
+        let mut table = Table::new(title, note, &header);
+        for policy in &policies {
+            let cells = folders.iter().map(|f| cell(f, policy));
+            table.rows.push(std::iter::once(policy.clone()).chain(cells).collect());
+        }
+        table
+    };
+    let figure = |figure: Figure, decimals: usize| {
+        move |f: &Folder, policy: &str| number(runs(f, policy).column(figure, never).mean(), decimals)
+    };
+    let eff = |f: &Folder, policy: &str| {
+        let runs = runs(f, policy);
+        let m = |figure| runs.column(figure, never).mean();
+        efficiency(m(Figure::FinalCoverage), m(Figure::ViewsTo(90)))
+    };
+    let first = &folders[0];
+    vec![
+        build("Efficiency", "", &|f, p| number(eff(f, p), 2)),
+        build(&format!("Efficiency relative to {}", first.name), "", &|f, p| {
+            number(eff(f, p).zip(eff(first, p)).map(|(a, b)| a / b), 3)
+        }),
+        build(
+            &format!("Efficiency relative to {baseline} of the same folder"),
+            "Paired; 95 % intervals over episodes.",
+            &|f, p| {
+                efficiency_ratio(&runs(f, p), &runs(f, baseline), never, Over::Episodes, 1000, 0)
+                    .map_or_else(|| "-".to_owned(), |i| format!("{:.3} [{:.3}, {:.3}]", i.value, i.low, i.high))
+            },
+        ),
+        build("Final coverage, %", "", &figure(Figure::FinalCoverage, 2)),
+        build("Views to 90 %", "", &figure(Figure::ViewsTo(90), 2)),
+        build("cv3, %", "", &figure(Figure::Cv3, 1)),
+        build("Overlap of next view 1, %", "", &figure(Figure::Overlap(1), 1)),
+        build("Chamfer distance, mm", "", &figure(Figure::Chamfer, 3)),
+    ]
+}
+
+fn runs<'a>(folder: &'a Folder, policy: &str) -> Runs<'a> {
+    Runs::of(folder.contents.episodes.iter().map(|(r, _)| r), policy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+    use crate::record::Timing;
+
+    #[test]
+    fn folders_stand_side_by_side() {
+        let folder = |name: &str, c: f64| Folder {
+            name: name.to_owned(),
+            contents: Contents {
+                episodes: ["benbv", "see"]
+                    .map(|p| {
+                        (record("a", p, 0, &[0.5, c], &[Some(0.4)]), Timing { episode_s: 0.0, decisions_s: vec![] })
+                    })
+                    .to_vec(),
+                skipped: Vec::new(),
+            },
+        };
+        let tables = tables(&[folder("plain", 0.95), folder("noise", 0.91)], "benbv", 17);
+        assert_eq!(tables[0].header, ["policy", "plain", "noise"]);
+        assert_eq!(tables[0].rows[0], ["benbv", "47.50", "45.50"]);
+        assert_eq!(tables[1].rows[1], ["see", "1.000", "0.958"]);
+    }
+}

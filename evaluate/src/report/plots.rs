@@ -1,0 +1,130 @@
+//! Curves and boxes as SVG.
+
+use crate::config::EvaluateConfig;
+use crate::journal::Contents;
+use crate::metrics::{Figure, Runs, mean};
+use plotters::prelude::*;
+
+fn color(i: usize) -> RGBColor {
+    const COLORS: [(u8, u8, u8); 10] = [
+        (31, 119, 180),
+        (214, 39, 40),
+        (44, 160, 44),
+        (148, 103, 189),
+        (255, 127, 14),
+        (23, 190, 207),
+        (140, 86, 75),
+        (227, 119, 194),
+        (127, 127, 127),
+        (188, 189, 34),
+    ];
+    let (r, g, b) = COLORS[i % COLORS.len()];
+    RGBColor(r, g, b)
+}
+
+/// An SVG drawn by `draw`; a sentence instead where the drawing fails.
+fn svg(
+    width: u32,
+    height: u32,
+    draw: impl FnOnce(&DrawingArea<SVGBackend, plotters::coord::Shift>) -> Result<(), String>,
+) -> String {
+    let mut text = String::new();
+    let outcome = {
+        let area = SVGBackend::with_string(&mut text, (width, height)).into_drawing_area();
+        area.fill(&WHITE)
+            .map_err(|e| e.to_string())
+            .and_then(|()| draw(&area))
+            .and_then(|()| area.present().map_err(|e| e.to_string()))
+    };
+    match outcome {
+        Ok(()) => text,
+        Err(message) => format!("<p>No plot: {}</p>", super::table::escape(&message)),
+    }
+}
+
+/// Mean coverage after each view, one curve per policy.
+pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> String {
+    let curves: Vec<Vec<(f64, f64)>> = policies
+        .iter()
+        .map(|policy| {
+            let runs = Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
+            (0..=config.episode.num_views)
+                .filter_map(|i| Some((i as f64 + 1.0, 100.0 * mean(runs.records().map(|r| r.coverage_after(i)))?)))
+                .collect()
+        })
+        .collect();
+    svg(1100, 520, |area| {
+        let fail = |e: &dyn std::fmt::Display| e.to_string();
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .x_label_area_size(42)
+            .y_label_area_size(52)
+            .build_cartesian_2d(1.0..config.episode.num_views as f64 + 1.0, 15.0..100.0)
+            .map_err(|e| fail(&e))?;
+        chart
+            .configure_mesh()
+            .x_desc("views, the first scan included")
+            .y_desc("coverage, %")
+            .x_label_formatter(&|x| format!("{x:.0}"))
+            .draw()
+            .map_err(|e| fail(&e))?;
+        for (i, (policy, curve)) in policies.iter().zip(curves).enumerate() {
+            let style = color(i).stroke_width(if i < 10 { 2 } else { 1 });
+            chart
+                .draw_series(LineSeries::new(curve, style))
+                .map_err(|e| fail(&e))?
+                .label(policy.as_str())
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], style));
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::LowerRight)
+            .background_style(WHITE.mix(0.85))
+            .border_style(BLACK.mix(0.3))
+            .draw()
+            .map_err(|e| fail(&e))
+    })
+}
+
+/// Boxes of the overlaps of next views 1, 2 and 3, policy by policy: quartiles, whiskers at 1.5 times their distance.
+pub fn overlap_boxes(contents: &Contents, policies: &[String]) -> String {
+    let width = (120 + 74 * policies.len()) as u32;
+    svg(width, 420, |area| {
+        let fail = |e: &dyn std::fmt::Display| e.to_string();
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .x_label_area_size(42)
+            .y_label_area_size(52)
+            .build_cartesian_2d(-0.6..policies.len() as f64 - 0.4, 0f32..100f32)
+            .map_err(|e| fail(&e))?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .x_labels(policies.len() + 2)
+            .x_label_formatter(&|x| {
+                let nearest = x.round();
+                if (x - nearest).abs() > 0.05 || nearest < 0.0 {
+                    String::new()
+                } else {
+                    policies.get(nearest as usize).cloned().unwrap_or_default()
+                }
+            })
+            .y_desc("overlap, %")
+            .draw()
+            .map_err(|e| fail(&e))?;
+        for (i, policy) in policies.iter().enumerate() {
+            let runs = Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
+            for n in 1..=3u8 {
+                let values: Vec<f64> = runs.column(Figure::Overlap(n), 0).0.into_iter().flatten().flatten().collect();
+                if values.is_empty() {
+                    continue;
+                }
+                let x = i as f64 + 0.24 * (f64::from(n) - 2.0);
+                let plot =
+                    Boxplot::new_vertical(x, &Quartiles::new(&values)).width(14).style(color(usize::from(n) - 1));
+                chart.draw_series([plot]).map_err(|e| fail(&e))?;
+            }
+        }
+        Ok(())
+    })
+}

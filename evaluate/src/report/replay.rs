@@ -1,0 +1,67 @@
+//! One episode as a turning cloud: hand-written WebGL 1, no library (geometry.md, section 9).
+
+use crate::config::EvaluateConfig;
+use crate::journal::Contents;
+use crate::objects::Object;
+use crate::record::EpisodeRecord;
+use base64::Engine;
+use datagen::RenderConfig;
+use std::fmt::Write;
+
+/// The episode shown: the first policy's first on the first object.
+pub fn choose<'a>(
+    contents: &'a Contents,
+    policies: &[String],
+    objects: &'a [Object],
+) -> Option<(&'a Object, &'a EpisodeRecord)> {
+    let policy = policies.first()?;
+    objects.iter().find_map(|object| {
+        let of = |r: &&EpisodeRecord| r.key.policy == *policy && r.key.object == object.name;
+        Some((object, contents.episodes.iter().map(|(r, _)| r).find(of)?))
+    })
+}
+
+/// The page's part: canvas, slider, data and program. Scans are made again from the views, without noise.
+pub fn html(object: &Object, record: &EpisodeRecord, config: &EvaluateConfig) -> String {
+    let camera = config.episode.image.camera();
+    let render = RenderConfig { noise: None, ..config.episode.render.clone() };
+    let (mut points, mut scans) = (Vec::new(), Vec::new());
+    for view in &record.views {
+        if view.is_valid() {
+            let pose = view.world_from_camera();
+            points.extend(object.scene.depth_image(&camera, &pose, &render).to_points(&camera, &pose));
+        }
+        scans.push(points.len());
+    }
+    let extent = points.iter().map(|p| p.coords.amax()).fold(1e-9, f64::max);
+    let quantized: Vec<u8> = points
+        .iter()
+        .flat_map(|p| p.coords.iter().map(|x| (x / extent * 32_767.0) as i16).collect::<Vec<_>>())
+        .flat_map(i16::to_le_bytes)
+        .collect();
+    let data = base64::engine::general_purpose::STANDARD.encode(quantized);
+    let cameras: Vec<String> = record
+        .views
+        .iter()
+        .map(|v| {
+            let d = v.direction() * 1.6;
+            format!("[{:.4},{:.4},{:.4}]", d.x, d.y, d.z)
+        })
+        .collect();
+    let coverages: Vec<String> = record.coverages.iter().map(|c| format!("{:.1}", 100.0 * c)).collect();
+    let mut text = String::new();
+    let _ = write!(
+        text,
+        "<h2>One episode: {} on {}</h2><p>Drag to turn. Points are coloured by scan, rays point to the cameras.</p>\
+         <canvas id=\"replay\"></canvas><p><input id=\"step\" type=\"range\" min=\"1\" max=\"{}\" value=\"{}\" style=\"width:60%\"> \
+         <span id=\"caption\"></span></p><script>const DATA={{points:\"{data}\",ends:{scans:?},cameras:[{}],coverages:[{}]}};\n{}</script>",
+        super::table::escape(&record.key.policy),
+        super::table::escape(&object.name),
+        record.views.len(),
+        record.views.len(),
+        cameras.join(","),
+        coverages.join(","),
+        include_str!("replay.js")
+    );
+    text
+}

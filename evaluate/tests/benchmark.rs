@@ -1,0 +1,171 @@
+//! The whole path on a small object: paired starts, ranking, determinism, resumption.
+
+use datagen::{EpisodeConfig, Scene};
+use evaluate::benchmark::{episode, run};
+use evaluate::config::EvaluateConfig;
+use evaluate::journal::{Contents, Journal};
+use evaluate::metrics::{Figure, Runs, efficiency};
+use evaluate::networks::Networks;
+use evaluate::objects::{Object, prepare};
+use evaluate::policies::{PolicyContext, make};
+use evaluate::record::{EpisodeKey, EpisodeRecord};
+use evaluate::report;
+use geometry::{Mesh, Planner, RankedView, ScanState, View};
+use nalgebra::Point3;
+use rand_chacha::ChaCha8Rng;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// A ball with lobes: no view sees more than a part of it.
+fn lobed_ball(amplitude: f64) -> Mesh {
+    let (rings, sectors) = (60u32, 90u32);
+    let at = |ring: u32, sector: u32| {
+        let polar = std::f64::consts::PI * f64::from(ring) / f64::from(rings);
+        let azimuth = std::f64::consts::TAU * f64::from(sector % sectors) / f64::from(sectors);
+        let radius = 1.0 + amplitude * polar.sin() * (5.0 * azimuth).cos();
+        Point3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), 1.3 * polar.cos()) * radius
+    };
+    let mut mesh = Mesh::default();
+    for ring in 0..=rings {
+        mesh.vertices.extend((0..sectors).map(|sector| at(ring, sector)));
+    }
+    for ring in 0..rings {
+        for sector in 0..sectors {
+            let id = |r: u32, s: u32| (ring + r) * sectors + (sector + s) % sectors;
+            mesh.triangles.push([id(0, 0), id(1, 0), id(1, 1)]);
+            mesh.triangles.push([id(0, 0), id(1, 1), id(0, 1)]);
+        }
+    }
+    mesh
+}
+
+fn config(episodes: usize) -> EvaluateConfig {
+    let episode = EpisodeConfig { num_views: 8, ..EpisodeConfig::default() };
+    EvaluateConfig { episodes, surface_samples: 8_000, resamples: 100, episode, ..EvaluateConfig::default() }
+}
+
+fn objects(config: &EvaluateConfig) -> Vec<Object> {
+    [("lobes", 0.35), ("ball", 0.1)]
+        .map(|(name, amplitude)| prepare(name, None, &lobed_ball(amplitude), config).expect("a good mesh"))
+        .into_iter()
+        .collect()
+}
+
+/// Deliberately worse than any: scans again from where it stands.
+struct StayPlanner;
+
+impl Planner for StayPlanner {
+    fn name(&self) -> &str {
+        "stay"
+    }
+
+    fn rank_views(&mut self, state: &ScanState, _rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        let position = Point3::from(state.scans[0].world_from_camera.translation.vector);
+        vec![RankedView { view: View { target: Point3::origin(), position }, score: 0.0, gain: None, overlap: None }]
+    }
+}
+
+#[test]
+fn a_worse_policy_ranks_last_and_the_search_first() {
+    let config = config(4);
+    let networks = Networks::new(&config);
+    let objects = objects(&config);
+    let mut records: Vec<EpisodeRecord> = Vec::new();
+    for object in &objects {
+        let context =
+            PolicyContext { scene: &object.scene, samples: &object.samples, config: &config, networks: &networks };
+        for number in 0..config.episodes {
+            for policy in ["stay", "random-sphere", "benbv"] {
+                let mut planner =
+                    if policy == "stay" { Box::new(StayPlanner) } else { make(policy, &context).expect(policy) };
+                let outcome = episode(object, planner.as_mut(), number, &config, |_| {}).expect("a good start");
+                let key = EpisodeKey { object: object.name.clone(), policy: policy.to_owned(), episode: number };
+                records.push(EpisodeRecord::new(key, &outcome));
+            }
+        }
+    }
+    let rank = |policy: &str| {
+        let runs = Runs::of(&records, policy);
+        let mean = |f| runs.column(f, config.never).mean();
+        efficiency(mean(Figure::FinalCoverage), mean(Figure::ViewsTo(90))).expect("episodes")
+    };
+    let (stay, random, search) = (rank("stay"), rank("random-sphere"), rank("benbv"));
+    assert!(stay < random && random < search, "stay {stay}, random {random}, search {search}");
+    for triple in records.chunks(3) {
+        assert!(triple.iter().all(|r| r.views[0] == triple[0].views[0]), "every policy starts from the same view");
+        assert!(triple.iter().all(|r| r.coverages[0] == triple[0].coverages[0]));
+    }
+}
+
+fn run_into(
+    directory: &Path,
+    objects: &[Object],
+    config: &EvaluateConfig,
+    policies: &[String],
+    threads: usize,
+    stop: &AtomicBool,
+) -> Contents {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let (journal, mut contents) = Journal::open(directory, &config.outcome_hash().expect("hash")).expect("journal");
+    let networks = Networks::new(config);
+    pool.install(|| run(objects, policies, config, &networks, &journal, &mut contents, stop, |_| {})).expect("run");
+    contents
+}
+
+#[test]
+fn outputs_do_not_depend_on_threads_nor_on_a_stop_in_between() {
+    let config = config(2);
+    let objects = objects(&config);
+    let policies: Vec<String> =
+        ["benbv", "random-u-sphere", "see", "farthest:60", "oracle:33"].map(str::to_owned).into_iter().collect();
+    let (one, two) = (tempfile::tempdir().expect("dir"), tempfile::tempdir().expect("dir"));
+    let never = AtomicBool::new(false);
+    let straight = run_into(one.path(), &objects, &config, &policies, 1, &never);
+    // The other run is first made with one object, then its last line is cut off, then it goes on with two threads.
+    run_into(two.path(), &objects[..1], &config, &policies, 2, &never);
+    let journal = two.path().join("journal.jsonl");
+    let text = std::fs::read_to_string(&journal).expect("journal");
+    std::fs::write(&journal, &text[..text.len() - 40]).expect("cut");
+    let resumed = run_into(two.path(), &objects, &config, &policies, 2, &never);
+    assert_eq!(straight.episodes.len(), 2 * 2 * policies.len());
+    for (directory, contents) in [(&one, &straight), (&two, &resumed)] {
+        report::write(directory.path(), contents, &config, &policies, &objects).expect("written");
+    }
+    for file in ["episodes.jsonl", "views.jsonl", "views.csv", "summary.csv", "report.md", "report.html"] {
+        let read = |d: &tempfile::TempDir| std::fs::read(d.path().join(file)).expect(file);
+        assert!(read(&one) == read(&two), "{file} differs");
+        assert!(!read(&one).is_empty());
+    }
+    let html = std::fs::read_to_string(one.path().join("report.html")).expect("page");
+    assert!(
+        html.contains("<svg") && html.contains("getContext(\"webgl\"") && !html.contains("http://")
+            || html.contains("www.w3.org")
+    );
+    assert!(!html.contains("src=\"http"), "the page needs nothing else");
+}
+
+#[test]
+fn a_stopped_run_keeps_what_it_has() {
+    let config = config(2);
+    let objects = objects(&config);
+    let directory = tempfile::tempdir().expect("dir");
+    let stopped = run_into(directory.path(), &objects, &config, &["random-33".to_owned()], 1, &AtomicBool::new(true));
+    assert!(stopped.episodes.is_empty());
+    let whole = run_into(directory.path(), &objects, &config, &["random-33".to_owned()], 1, &AtomicBool::new(false));
+    assert_eq!(whole.episodes.len(), 4);
+}
+
+#[test]
+fn bad_names_are_refused_with_the_way_out() {
+    let config = config(1);
+    let networks = Networks::new(&config);
+    let scene = Scene::new(Mesh::default());
+    let context = PolicyContext { scene: &scene, samples: &[], config: &config, networks: &networks };
+    let message =
+        |name: &str| make(name, &context).err().unwrap_or_else(|| panic!("{name} must be refused")).to_string();
+    assert!(message("bnbv").contains("--list-policies"));
+    assert!(message("benbv:7").contains("multiple"), "{}", message("benbv:7"));
+    assert!(message("random-sphere:-1").contains("radius"));
+    assert!(message("see:fast").contains("r010"));
+    assert!(message("oracle:60:x").contains("overlap"));
+}
