@@ -46,17 +46,19 @@ pub fn parse_mesh(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
 pub(crate) struct MeshBuilder {
     vertices: Vec<Point3<f64>>,
     corners: HashMap<Corner, u32>,
-    positions: HashMap<[u32; 3], u32>,
+    positions: HashMap<[u64; 3], u32>,
     position_of: Vec<u32>,
     triangles: Vec<[u32; 3]>,
     seen: HashSet<[u32; 3]>,
     left_out: usize,
 }
 
-/// Bits of the position and of the normal as f32: the published loader's vertices, whose mean is its centre.
+/// Bits of the position, and of the normal as f32: the published loader's vertices, whose mean is its centre. The
+/// loader rounds positions to f32 too; that changes no vertex of the objects at hand, and would weld those of a mesh in
+/// survey coordinates.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Corner {
-    position: [u32; 3],
+    position: [u64; 3],
     normal: Option<[u32; 3]>,
 }
 
@@ -92,8 +94,11 @@ impl MeshBuilder {
     }
 
     fn vertex(&mut self, position: [f64; 3], normal: Option<[f64; 3]>) -> u32 {
-        let bits = |v: [f64; 3]| v.map(|x| (x as f32 + 0.0).to_bits()); // + 0.0: -0 and 0 are one place
-        let key = Corner { position: bits(position), normal: normal.map(bits) };
+        // + 0.0: -0 and 0 are one place.
+        let key = Corner {
+            position: position.map(|x| (x + 0.0).to_bits()),
+            normal: normal.map(|n| n.map(|x| (x as f32 + 0.0).to_bits())),
+        };
         let next = self.vertices.len() as u32;
         let index = *self.corners.entry(key).or_insert(next);
         if index == next {

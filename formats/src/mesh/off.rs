@@ -149,6 +149,12 @@ mod tests {
     }
 
     #[test]
+    fn survey_coordinates_keep_their_corners() {
+        let mesh = read("OFF3 1 0\n5600000.01 0 0\n5600000.02 0 0\n5600000.01 0.01 0\n3 0 1 2\n").unwrap();
+        assert!((mesh.area() - 0.5e-4).abs() < 1e-8, "{}", mesh.area());
+    }
+
+    #[test]
     fn useless_triangles_are_left_out() {
         let mesh = read(
             "OFF 5 6 0\n0 0 0\n1 0 0\n0 1 0\nnan 0 0\n2 0 0\n3 0 1 2\n3 1 2 0\n3 2 1 0\n3 0 1 3\n3 0 1 1\n3 0 1 4\n",
