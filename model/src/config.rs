@@ -123,7 +123,7 @@ impl BenbvNetConfig {
         if let Some((key, found)) = widths.iter().find(|(_, w)| w.iter().any(|&w| w > 1 << 20)) {
             return Err(format!("{key} = {found:?}: no size may exceed {}", 1 << 20));
         }
-        if self.attention_width % self.heads != 0 {
+        if !self.attention_width.is_multiple_of(self.heads) {
             return Err(format!("heads = {} must divide attention_width = {}", self.heads, self.attention_width));
         }
         if !(0.0..1.0).contains(&self.dropout) {

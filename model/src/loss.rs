@@ -26,3 +26,23 @@ pub fn position_weight(i: usize, count: usize) -> f64 {
     let position = if count > 1 { 19.0 * i as f64 / (count - 1) as f64 } else { 0.0 };
     ((position - 12.0) / 10.0).powi(2) + 0.3
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::Device;
+
+    #[test]
+    fn weights_and_mean_are_those_of_the_method() {
+        for i in 0..20 {
+            assert!((position_weight(i, 20) - (((i as f64) - 12.0) / 10.0).powi(2) - 0.3).abs() < 1e-12);
+        }
+        assert!((position_weight(4, 5) - position_weight(19, 20)).abs() < 1e-12, "the position is scaled to 0..19");
+        // Two samples, three and one real candidates, all off by 0.5: padding, however wrong, counts nothing.
+        let device = Device::flex();
+        let prediction = Tensor::<2>::from_floats([[0.5, 0.5, 0.5], [0.5, 9.0, 9.0]], &device);
+        let loss = position_weighted_loss(prediction, Tensor::zeros([2, 3], &device), &[3, 1]);
+        let weights: f64 = (0..3).map(|i| position_weight(i, 3)).sum::<f64>() + position_weight(0, 1);
+        assert!((f64::from(loss.into_scalar::<f32>()) - 5.0 * 0.25 * weights / 4.0).abs() < 1e-6);
+    }
+}

@@ -151,7 +151,10 @@ struct SharedMlpMax;
 
 /// Taken by the one backward pass, so that buffers are freed as they are used up.
 #[derive(Clone)]
-struct State(Arc<Mutex<Option<(FlexTensor, Vec<Parameters>, Saved)>>>);
+struct State(Arc<Mutex<Option<Kept>>>);
+
+/// Points, parameters, and what the forward pass saved.
+type Kept = (FlexTensor, Vec<Parameters>, Saved);
 
 impl std::fmt::Debug for State {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
