@@ -134,7 +134,8 @@ fn fuzz(name: &str, seeds: &[(PathBuf, Vec<u8>)], mut read: impl FnMut(&Path, &[
         let used = PEAK.get() - before;
         let allowed = CONSTANT + PER_BYTE * bytes.len() as isize;
         if result.is_err() || used > allowed {
-            let kept = std::env::temp_dir().join(format!("fuzz-{name}-{runs}.{}", path.extension().unwrap().display()));
+            let kept = Path::new(env!("CARGO_TARGET_TMPDIR"))
+                .join(format!("fuzz-{name}-{runs}.{}", path.extension().unwrap().display()));
             std::fs::write(&kept, &bytes).unwrap();
             panic!("{name}: run {runs} panicked or held {used} of {allowed} bytes; input kept as {kept:?}");
         }
