@@ -1,0 +1,258 @@
+//! Augmentation: what a decision could as well have looked like. Scores stay as they are, since they do not
+//! change with a rigid motion or the unit of length.
+
+use geometry::{CandidateView, PointCloud, View};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+
+/// Large rotations, made before the small ones of [`AugmentConfig::rotation_deg`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Turn {
+    /// None (published).
+    #[default]
+    None,
+    /// Any angle about the vertical (Z).
+    Vertical,
+    /// Any rotation, uniform over all of them.
+    Any,
+}
+
+/// Settings of the augmentation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AugmentConfig {
+    /// Augmented visits to a sample per epoch beside an unchanged one (published: 2); 0 visits each sample once,
+    /// augmented.
+    pub copies: u32,
+    /// Rotations about X, Y and Z, each uniform within +- this, degrees.
+    pub rotation_deg: f64,
+    /// Large rotations.
+    pub turn: Turn,
+    /// Scale factor, uniform in 1 +- this (without effect under `cloud` normalisation).
+    pub scale: f64,
+    /// Standard deviation of Gaussian noise on every coordinate of the cloud, metres.
+    pub noise_m: f64,
+    /// Largest share of points left out; the share is uniform from 0.
+    pub dropout: f64,
+    /// Range of the cloud's diagonal after `cloud` normalisation as a share of 0.2 m, drawn uniformly: a partly
+    /// seen object is smaller than the whole.
+    pub diagonal_fraction: [f64; 2],
+}
+
+impl Default for AugmentConfig {
+    fn default() -> Self {
+        AugmentConfig {
+            copies: 0,
+            rotation_deg: 10.0,
+            turn: Turn::None,
+            scale: 0.0,
+            noise_m: 0.0,
+            dropout: 0.0,
+            diagonal_fraction: [0.8, 1.0],
+        }
+    }
+}
+
+impl AugmentConfig {
+    /// Nothing is changed.
+    pub fn none() -> Self {
+        AugmentConfig { rotation_deg: 0.0, diagonal_fraction: [1.0, 1.0], ..Default::default() }
+    }
+
+    /// Visits to a sample per epoch.
+    pub fn visits(&self) -> usize {
+        1 + self.copies as usize
+    }
+
+    /// Whether visit `visit` (from 0) of a sample is augmented.
+    pub fn changes_visit(&self, visit: usize) -> bool {
+        self.copies == 0 || visit > 0
+    }
+
+    /// The cloud's diagonal for this sample, as a share of 0.2 m.
+    pub fn draw_diagonal_fraction(&self, rng: &mut impl Rng) -> f64 {
+        let [low, high] = self.diagonal_fraction;
+        low + (high - low) * rng.r#gen::<f64>()
+    }
+
+    /// Changes a cloud, its candidates and the working distance alike. Draws the same amount of numbers for the
+    /// same number of points, whatever they are used for.
+    pub fn apply(
+        &self,
+        cloud: &mut PointCloud,
+        candidates: &mut [CandidateView],
+        working_distance: &mut f64,
+        rng: &mut impl Rng,
+    ) {
+        let rotation = self.draw_rotation(rng);
+        let scale = 1.0 + self.scale * (2.0 * rng.r#gen::<f64>() - 1.0);
+        if self.dropout > 0.0 {
+            drop_points(cloud, self.dropout * rng.r#gen::<f64>(), rng);
+        }
+        if self.noise_m > 0.0 {
+            for p in &mut cloud.points {
+                p.coords += Vector3::new(gaussian(rng), gaussian(rng), gaussian(rng)) * self.noise_m;
+            }
+        }
+        let matrix = rotation.matrix();
+        let moved = matrix * scale;
+        cloud.points.iter_mut().for_each(|p| p.coords = moved * p.coords);
+        cloud.normals.iter_mut().for_each(|n| *n = matrix * *n);
+        for c in candidates {
+            let View { target, position } = c.view;
+            c.view = View { target: (moved * target.coords).into(), position: (moved * position.coords).into() };
+        }
+        *working_distance *= scale;
+    }
+
+    fn draw_rotation(&self, rng: &mut impl Rng) -> Rotation3<f64> {
+        let turn = match self.turn {
+            Turn::None => Rotation3::identity(),
+            Turn::Vertical => Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * rng.r#gen::<f64>()),
+            Turn::Any => uniform_rotation(rng),
+        };
+        let limit = self.rotation_deg.to_radians();
+        let mut angle = || limit * (2.0 * rng.r#gen::<f64>() - 1.0);
+        let (x, y, z) = (angle(), angle(), angle());
+        Rotation3::from_euler_angles(x, y, z) * turn
+    }
+}
+
+/// Uniform over all rotations: a quaternion of four independent Gaussians.
+fn uniform_rotation(rng: &mut impl Rng) -> Rotation3<f64> {
+    let q = nalgebra::Quaternion::new(gaussian(rng), gaussian(rng), gaussian(rng), gaussian(rng));
+    UnitQuaternion::try_new(q, 1e-12).unwrap_or_default().to_rotation_matrix()
+}
+
+/// Leaves out each point with probability `share`, but never all.
+fn drop_points(cloud: &mut PointCloud, share: f64, rng: &mut impl Rng) {
+    let keep: Vec<bool> = cloud.points.iter().map(|_| rng.r#gen::<f64>() >= share).collect();
+    if !keep.contains(&true) {
+        return;
+    }
+    let with_normals = cloud.has_normals();
+    let mut flags = keep.iter();
+    cloud.points.retain(|_| flags.next().copied().unwrap_or(true));
+    if with_normals {
+        let mut flags = keep.iter();
+        cloud.normals.retain(|_| flags.next().copied().unwrap_or(true));
+    }
+}
+
+/// Standard normal (Box and Muller 1958).
+fn gaussian(rng: &mut impl Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.r#gen::<f64>()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.r#gen::<f64>()).cos()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::rng::stream;
+    use nalgebra::Point3;
+
+    fn decision() -> (PointCloud, Vec<CandidateView>, f64) {
+        let mut rng = stream(3, "test/augment");
+        let points: Vec<Point3<f64>> =
+            (0..500).map(|_| Point3::new(gaussian(&mut rng), gaussian(&mut rng), gaussian(&mut rng)) * 0.05).collect();
+        let normals = points.iter().map(|p| p.coords.normalize()).collect();
+        let candidates = points[..20]
+            .iter()
+            .map(|&target| CandidateView {
+                view: View { target, position: target + target.coords.normalize() * 1.2 },
+                density: 100.0,
+            })
+            .collect();
+        (PointCloud { points, normals }, candidates, 1.2)
+    }
+
+    #[test]
+    fn nothing_is_changed_where_nothing_is_set() {
+        let (mut cloud, mut candidates, mut distance) = decision();
+        let before = (cloud.clone(), candidates.clone(), distance);
+        AugmentConfig::none().apply(&mut cloud, &mut candidates, &mut distance, &mut stream(1, "a"));
+        assert_eq!((cloud, candidates, distance), before);
+        assert_eq!(AugmentConfig::none().draw_diagonal_fraction(&mut stream(1, "a")), 1.0);
+    }
+
+    #[test]
+    fn rotations_are_rigid_and_within_their_limits() {
+        for (turn, seed) in [(Turn::None, 1), (Turn::Vertical, 2), (Turn::Any, 3)] {
+            let (mut cloud, mut candidates, mut distance) = decision();
+            let before = (cloud.clone(), candidates.clone());
+            let config = AugmentConfig { turn, ..Default::default() };
+            config.apply(&mut cloud, &mut candidates, &mut distance, &mut stream(seed, "a"));
+            for (i, j) in [(0, 1), (7, 300), (499, 2)] {
+                let (d, d0) = ((cloud.points[i] - cloud.points[j]).norm(), (before.0.points[i] - before.0.points[j]).norm());
+                assert!((d - d0).abs() < 1e-12, "{turn:?} must keep distances");
+                let (c, c0) = (cloud.normals[i].dot(&cloud.normals[j]), before.0.normals[i].dot(&before.0.normals[j]));
+                assert!((c - c0).abs() < 1e-12, "{turn:?} must keep angles");
+            }
+            assert!((candidates[5].view.target - cloud.points[5]).norm() < 1e-12, "candidates move with the cloud");
+            assert!((candidates[5].direction().dot(&cloud.normals[5]) - 1.0).abs() < 1e-12);
+            assert_eq!(distance, 1.2);
+            let turned = cloud.points[0].coords.angle(&before.0.points[0].coords).to_degrees();
+            if turn == Turn::None {
+                assert!(turned > 0.01 && turned < 3.0 * 10.0, "three turns of at most 10 degrees, found {turned}");
+            }
+        }
+    }
+
+    #[test]
+    fn scale_noise_and_drop_out_do_what_they_say() {
+        let (mut cloud, mut candidates, mut distance) = decision();
+        let before = cloud.clone();
+        let config = AugmentConfig { scale: 0.2, ..AugmentConfig::none() };
+        config.apply(&mut cloud, &mut candidates, &mut distance, &mut stream(5, "a"));
+        let factor = distance / 1.2;
+        assert!(factor != 1.0 && (0.8..=1.2).contains(&factor), "{factor}");
+        assert!((cloud.points[9].coords - before.points[9].coords * factor).norm() < 1e-12);
+        assert_eq!(cloud.normals, before.normals, "normals have no scale");
+
+        let (mut cloud, mut candidates, mut distance) = decision();
+        let config = AugmentConfig { noise_m: 0.001, ..AugmentConfig::none() };
+        config.apply(&mut cloud, &mut candidates, &mut distance, &mut stream(5, "a"));
+        let square: f64 = cloud.points.iter().zip(&before.points).map(|(a, b)| (a - b).norm_squared()).sum();
+        let deviation = (square / (3.0 * 500.0)).sqrt();
+        assert!((deviation - 0.001).abs() < 0.0001, "{deviation}");
+
+        let config = AugmentConfig { dropout: 0.9, ..AugmentConfig::none() };
+        config.apply(&mut cloud, &mut candidates, &mut distance, &mut stream(5, "b"));
+        assert!(cloud.len() < 500 && !cloud.is_empty() && cloud.has_normals());
+        let mut single = PointCloud { points: vec![Point3::origin()], normals: vec![Vector3::z()] };
+        for i in 0..20 {
+            let config = AugmentConfig { dropout: 1.0, ..AugmentConfig::none() };
+            config.apply(&mut single, &mut [], &mut distance, &mut stream(i, "c"));
+        }
+        assert_eq!(single.len(), 1, "the last point stays");
+    }
+
+    #[test]
+    fn the_same_stream_gives_the_same_change() {
+        let config = AugmentConfig { turn: Turn::Any, noise_m: 1e-3, dropout: 0.3, scale: 0.1, ..Default::default() };
+        let run = |name: &str| {
+            let (mut cloud, mut candidates, mut distance) = decision();
+            config.apply(&mut cloud, &mut candidates, &mut distance, &mut stream(9, name));
+            (cloud, candidates, distance)
+        };
+        assert_eq!(run("x"), run("x"));
+        assert_ne!(run("x").0, run("y").0);
+    }
+
+    #[test]
+    fn any_turn_is_uniform() {
+        let mut rng = stream(11, "test/uniform");
+        let mean = (0..4000).fold(Vector3::zeros(), |sum, _| sum + uniform_rotation(&mut rng) * Vector3::x()) / 4000.0;
+        assert!(mean.norm() < 0.04, "{mean}");
+    }
+
+    #[test]
+    fn visits_keep_the_original_beside_copies() {
+        let two = AugmentConfig { copies: 2, ..Default::default() };
+        assert_eq!(two.visits(), 3);
+        assert_eq!([0, 1, 2].map(|v| two.changes_visit(v)), [false, true, true]);
+        assert!(AugmentConfig::default().changes_visit(0));
+    }
+}

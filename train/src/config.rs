@@ -1,0 +1,297 @@
+//! Settings of a training run.
+
+use crate::TrainError;
+use crate::augment::AugmentConfig;
+use crate::schedule::ScheduleConfig;
+use model::encode::{EncodeConfig, Fill, Normalisation};
+use model::BenbvNetConfig;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Everything that decides a run; `configs/train.toml` lists it with its defaults.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Seed of every random stream.
+    pub seed: u64,
+    /// Data set: a directory that `datagen` made, or one with the authors' `.bin` files, or such a file. Empty:
+    /// the newest complete set under `runs/data`.
+    pub data: PathBuf,
+    /// Passes over the training samples.
+    pub epochs: u32,
+    /// Samples per optimizer step.
+    pub batch: usize,
+    /// Parts a batch is computed in, so that a large one fits the memory; batch norm sees a part at a time.
+    pub accumulation: usize,
+    /// `cpu`, or a GPU backend that was compiled in.
+    pub device: String,
+    /// Sizes of the network.
+    pub network: BenbvNetConfig,
+    /// What the network is shown.
+    pub input: InputConfig,
+    /// Optimizer.
+    pub optimizer: OptimizerConfig,
+    /// Learning rate over time.
+    pub schedule: ScheduleConfig,
+    /// Augmentation.
+    pub augment: AugmentConfig,
+    /// Validation.
+    pub validation: ValidationConfig,
+    /// Closed-loop episodes.
+    pub episodes: EpisodesConfig,
+    /// When to save.
+    pub checkpoint: CheckpointConfig,
+    /// Loader threads.
+    pub loader: LoaderConfig,
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        TrainConfig {
+            seed: 0,
+            data: PathBuf::new(),
+            epochs: 150,
+            batch: 128,
+            accumulation: 1,
+            device: "cpu".into(),
+            network: BenbvNetConfig::default(),
+            input: InputConfig::default(),
+            optimizer: OptimizerConfig::default(),
+            schedule: ScheduleConfig::default(),
+            augment: AugmentConfig::default(),
+            validation: ValidationConfig::default(),
+            episodes: EpisodesConfig::default(),
+            checkpoint: CheckpointConfig::default(),
+            loader: LoaderConfig::default(),
+        }
+    }
+}
+
+/// What the network is shown; the number of points is the network's.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InputConfig {
+    /// Frame and scale of the cloud.
+    pub normalisation: Normalisation,
+    /// Clouds with fewer points than the network takes.
+    pub fill: Fill,
+}
+
+/// The optimizer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OptimizerConfig {
+    /// Which one.
+    pub kind: OptimizerKind,
+    /// Full learning rate.
+    pub rate: f64,
+    /// Weight decay (decoupled for `adamw`, L2 for `adam`).
+    pub weight_decay: f64,
+    /// Decay of the first moment.
+    pub beta_1: f64,
+    /// Decay of the second moment.
+    pub beta_2: f64,
+    /// Added to the root of the second moment; PyTorch's 1e-8.
+    pub epsilon: f64,
+    /// Largest L2 norm of the whole gradient, which is scaled down to it; 0 for no limit.
+    pub clip_norm: f64,
+    /// Decay per step of an exponential moving average of the weights, which is then validated and stored in
+    /// place of the last weights; 0 for none.
+    pub average_decay: f64,
+}
+
+impl Default for OptimizerConfig {
+    fn default() -> Self {
+        OptimizerConfig {
+            kind: OptimizerKind::Adamw,
+            rate: 1e-3,
+            weight_decay: 0.01,
+            beta_1: 0.9,
+            beta_2: 0.999,
+            epsilon: 1e-8,
+            clip_norm: 0.0,
+            average_decay: 0.0,
+        }
+    }
+}
+
+/// Kinds of optimizers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OptimizerKind {
+    /// Loshchilov and Hutter 2019 (the reference).
+    #[default]
+    Adamw,
+    /// Kingma and Ba 2015 (the paper).
+    Adam,
+}
+
+/// Validation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ValidationConfig {
+    /// Share of the objects that is held out where the data set names no validation objects.
+    pub fraction: f64,
+    /// Epochs without a lower validation regret after which training ends; 0 for never.
+    pub patience: u32,
+}
+
+impl Default for ValidationConfig {
+    fn default() -> Self {
+        ValidationConfig { fraction: 0.2, patience: 0 }
+    }
+}
+
+/// Closed-loop episodes on procedural objects that are in no data set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EpisodesConfig {
+    /// Epochs between two rounds; 0 for none. The last epoch has one in any case.
+    pub every_epochs: u32,
+    /// Objects per round, an episode each; always the same ones.
+    pub objects: usize,
+    /// Next views per episode.
+    pub views: usize,
+}
+
+impl Default for EpisodesConfig {
+    fn default() -> Self {
+        EpisodesConfig { every_epochs: 10, objects: 8, views: 15 }
+    }
+}
+
+/// When to save. The best weights (lowest validation regret) are always kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// Optimizer steps between two saves of the whole state beside those at the end of every epoch; 0 for none.
+    pub every_steps: u64,
+    /// Epochs between checkpoints that are kept; 0 for none.
+    pub keep_every_epochs: u32,
+}
+
+impl Default for CheckpointConfig {
+    fn default() -> Self {
+        CheckpointConfig { every_steps: 500, keep_every_epochs: 0 }
+    }
+}
+
+/// Loader threads. They change no result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LoaderConfig {
+    /// Threads that prepare batches; 0 for one per eight cores, at least one.
+    pub workers: usize,
+    /// Batches that each keeps ready.
+    pub ready: usize,
+}
+
+impl Default for LoaderConfig {
+    fn default() -> Self {
+        LoaderConfig { workers: 0, ready: 2 }
+    }
+}
+
+impl TrainConfig {
+    /// Says in words what is out of range.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        fn bad(key: &'static str, found: impl ToString, expected: impl Into<String>) -> TrainError {
+            TrainError::setting(key, found, expected)
+        }
+        self.network
+            .validate()
+            .map_err(|text| bad("network", "sizes as given", text))?;
+        let least_one = [
+            ("epochs", u64::from(self.epochs)),
+            ("batch", self.batch as u64),
+            ("accumulation", self.accumulation as u64),
+            ("loader.ready", self.loader.ready as u64),
+            ("schedule.step_epochs", u64::from(self.schedule.step_epochs)),
+        ];
+        for (key, value) in least_one {
+            if value == 0 {
+                return Err(bad(key, value, "expected at least 1"));
+            }
+        }
+        if self.accumulation > self.batch {
+            return Err(bad("accumulation", self.accumulation, format!("expected at most the batch, {}", self.batch)));
+        }
+        let o = &self.optimizer;
+        let a = &self.augment;
+        let ranges: [(&'static str, f64, bool, &str); 12] = [
+            ("optimizer.rate", o.rate, o.rate > 0.0, "a positive number"),
+            ("optimizer.weight_decay", o.weight_decay, o.weight_decay >= 0.0, "0 or more"),
+            ("optimizer.beta_1", o.beta_1, (0.0..1.0).contains(&o.beta_1), "a number in [0, 1)"),
+            ("optimizer.beta_2", o.beta_2, (0.0..1.0).contains(&o.beta_2), "a number in [0, 1)"),
+            ("optimizer.epsilon", o.epsilon, o.epsilon > 0.0, "a positive number"),
+            ("optimizer.clip_norm", o.clip_norm, o.clip_norm >= 0.0, "0 (no limit) or more"),
+            ("optimizer.average_decay", o.average_decay, (0.0..1.0).contains(&o.average_decay), "a number in [0, 1)"),
+            ("augment.rotation_deg", a.rotation_deg, (0.0..=180.0).contains(&a.rotation_deg), "0 to 180"),
+            ("augment.scale", a.scale, (0.0..1.0).contains(&a.scale), "a number in [0, 1)"),
+            ("augment.noise_m", a.noise_m, a.noise_m >= 0.0, "0 or more"),
+            ("augment.dropout", a.dropout, (0.0..1.0).contains(&a.dropout), "a share in [0, 1)"),
+            (
+                "validation.fraction",
+                self.validation.fraction,
+                self.validation.fraction > 0.0 && self.validation.fraction < 1.0,
+                "a share in (0, 1)",
+            ),
+        ];
+        for (key, value, fits, expected) in ranges {
+            if !fits || !value.is_finite() {
+                return Err(bad(key, value, format!("expected {expected}")));
+            }
+        }
+        let [low, high] = a.diagonal_fraction;
+        if !(low > 0.0 && low <= high && high.is_finite()) {
+            return Err(bad(
+                "augment.diagonal_fraction",
+                format!("[{low}, {high}]"),
+                "expected two positive numbers in rising order",
+            ));
+        }
+        let s = &self.schedule;
+        if !(s.factor > 0.0 && s.factor <= 1.0) {
+            return Err(bad("schedule.factor", s.factor, "expected a number in (0, 1]"));
+        }
+        if !(s.min_rate >= 0.0 && s.threshold >= 0.0) {
+            return Err(bad("schedule.min_rate or schedule.threshold", s.min_rate.min(s.threshold), "expected 0 or more"));
+        }
+        Ok(())
+    }
+
+    /// How observations become tensors, apart from the diagonal's share, which each sample draws.
+    pub fn encode(&self) -> EncodeConfig {
+        EncodeConfig {
+            points: self.network.points,
+            normalisation: self.input.normalisation,
+            fill: self.input.fill,
+            diagonal_fraction: 1.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        TrainConfig::default().validate().expect("defaults are valid");
+        let cases: [(fn(&mut TrainConfig), &str); 7] = [
+            (|c| c.batch = 0, "setting batch = 0: expected at least 1"),
+            (|c| c.optimizer.rate = f64::NAN, "optimizer.rate"),
+            (|c| c.validation.fraction = 1.0, "validation.fraction = 1: expected a share in (0, 1)"),
+            (|c| c.augment.diagonal_fraction = [1.0, 0.5], "augment.diagonal_fraction"),
+            (|c| c.network.heads = 3, "heads"),
+            (|c| c.accumulation = 1000, "at most the batch, 128"),
+            (|c| c.schedule.factor = 0.0, "schedule.factor"),
+        ];
+        for (change, expected) in cases {
+            let mut config = TrainConfig::default();
+            change(&mut config);
+            let text = config.validate().expect_err(expected).to_string();
+            assert!(text.contains(expected), "{text}");
+        }
+    }
+}

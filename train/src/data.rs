@@ -1,0 +1,218 @@
+//! The samples of a data set, split by object.
+
+use crate::TrainError;
+use formats::{Fate, Manifest, Sample, ShardReader, Split};
+use geometry::rng::stream;
+use rand::seq::SliceRandom;
+use std::path::{Path, PathBuf};
+
+/// A data set on disk, its shards memory-mapped.
+#[derive(Debug)]
+pub struct Dataset {
+    name: String,
+    sources: Vec<Source>,
+    train: Vec<Place>,
+    validation: Vec<Place>,
+}
+
+#[derive(Debug)]
+enum Source {
+    Shard(ShardReader),
+    /// The authors' files are read whole.
+    Frames(Vec<Sample>),
+}
+
+impl Source {
+    fn len(&self) -> usize {
+        match self {
+            Source::Shard(reader) => reader.len(),
+            Source::Frames(samples) => samples.len(),
+        }
+    }
+}
+
+/// Where a sample is.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    source: usize,
+    index: usize,
+}
+
+impl Dataset {
+    /// Opens a set that `datagen` made (a directory with `manifest.json`), or the authors' `frame_history` files (a
+    /// directory with `.bin` files, each an object, or one such file). Validation samples are those of the
+    /// manifest's validation objects; where it has none, `fraction` of the training objects is held out, drawn from
+    /// the seed. Test objects are not touched.
+    ///
+    /// # Errors
+    ///
+    /// Unreadable files; an incomplete set; fewer than two objects.
+    pub fn open(path: &Path, fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
+        if path.join(formats::manifest::MANIFEST).exists() {
+            Self::open_shards(path, fraction, seed)
+        } else {
+            Self::open_frames(path, fraction, seed)
+        }
+    }
+
+    fn open_shards(path: &Path, fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
+        let manifest = Manifest::read(path)?;
+        let missing = missing(&manifest);
+        if missing > 0 {
+            return Err(TrainError::Data {
+                path: path.to_path_buf(),
+                problem: format!("{missing} of {} objects are not made yet", manifest.objects.len()),
+                way_out: "finish the set by starting the same `datagen` command again".into(),
+            });
+        }
+        let name = format!(
+            "{} (settings {}, seed {}, {} samples)",
+            manifest.dataset,
+            manifest.config_hash,
+            manifest.seed,
+            manifest.num_samples()
+        );
+        let mut train = manifest.open(path, Split::Train)?;
+        let mut validation = manifest.open(path, Split::Validation)?;
+        if validation.is_empty() {
+            let held = held_out(train.len(), fraction, seed);
+            let (mut kept, mut out) = (Vec::new(), Vec::new());
+            for (i, reader) in train.into_iter().enumerate() {
+                if held.contains(&i) { out.push(reader) } else { kept.push(reader) }
+            }
+            (train, validation) = (kept, out);
+        }
+        let shards = |readers: Vec<ShardReader>| readers.into_iter().map(Source::Shard).collect();
+        Self::new(path, name, shards(train), shards(validation))
+    }
+
+    fn open_frames(path: &Path, fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
+        let files = frame_files(path)?;
+        let mut objects = Vec::new();
+        for file in &files {
+            let object = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            objects.push(Source::Frames(formats::frame_history::read(file)?.into_samples(&object)));
+        }
+        let held = held_out(objects.len(), fraction, seed);
+        let (mut train, mut validation) = (Vec::new(), Vec::new());
+        for (i, source) in objects.into_iter().enumerate() {
+            if held.contains(&i) { validation.push(source) } else { train.push(source) }
+        }
+        Self::new(path, format!("{} frame histories", files.len()), train, validation)
+    }
+
+    fn new(path: &Path, name: String, train: Vec<Source>, validation: Vec<Source>) -> Result<Dataset, TrainError> {
+        let objects = train.len();
+        let sources: Vec<Source> = train.into_iter().chain(validation).collect();
+        let places = |range: std::ops::Range<usize>| -> Vec<Place> {
+            range.flat_map(|source| (0..sources[source].len()).map(move |index| Place { source, index })).collect()
+        };
+        let (train, validation) = (places(0..objects), places(objects..sources.len()));
+        for (what, list) in [("training", &train), ("validation", &validation)] {
+            if list.is_empty() {
+                return Err(TrainError::Data {
+                    path: path.to_path_buf(),
+                    problem: format!("no {what} samples in {} objects", sources.len()),
+                    way_out: "make a set of at least two usable objects with `datagen`".into(),
+                });
+            }
+        }
+        Ok(Dataset { name, sources, train, validation })
+    }
+
+    /// Names the set: where its samples come from, not where it lies.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Number of training samples.
+    pub fn num_train(&self) -> usize {
+        self.train.len()
+    }
+
+    /// Number of validation samples.
+    pub fn num_validation(&self) -> usize {
+        self.validation.len()
+    }
+
+    /// Training sample `i`.
+    pub fn train_sample(&self, i: usize) -> Sample {
+        self.sample(self.train[i])
+    }
+
+    /// Validation sample `i`.
+    pub fn validation_sample(&self, i: usize) -> Sample {
+        self.sample(self.validation[i])
+    }
+
+    fn sample(&self, place: Place) -> Sample {
+        match &self.sources[place.source] {
+            Source::Shard(reader) => reader.sample(place.index),
+            Source::Frames(samples) => samples[place.index].clone(),
+        }
+    }
+}
+
+/// The newest complete set in `base`.
+///
+/// # Errors
+///
+/// None there: says what was found instead.
+pub fn newest_set(base: &Path) -> Result<PathBuf, TrainError> {
+    let mut sets = Vec::new();
+    let mut incomplete = Vec::new();
+    for entry in std::fs::read_dir(base).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let Ok(manifest) = Manifest::read(&path) else {
+            continue;
+        };
+        if missing(&manifest) > 0 || manifest.num_samples() == 0 {
+            incomplete.push(path);
+        } else {
+            let made = std::fs::metadata(path.join(formats::manifest::MANIFEST)).and_then(|m| m.modified()).ok();
+            sets.push((made, path));
+        }
+    }
+    sets.sort();
+    incomplete.sort();
+    sets.pop().map(|(_, path)| path).ok_or_else(|| {
+        let searched = if incomplete.is_empty() {
+            format!("no data set in {base:?}")
+        } else {
+            format!("no complete data set in {base:?}, only unfinished ones: {incomplete:?}")
+        };
+        TrainError::NoData { searched }
+    })
+}
+
+fn missing(manifest: &Manifest) -> usize {
+    manifest.objects.iter().filter(|o| matches!(o.fate, Fate::Missing)).count()
+}
+
+/// Indices of the objects to hold out: a share of them, at least one, never all.
+fn held_out(objects: usize, fraction: f64, seed: u64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..objects).collect();
+    order.shuffle(&mut stream(seed, "train/held-out"));
+    let amount = (objects as f64 * fraction).round() as usize;
+    order.truncate(amount.clamp(1, objects.saturating_sub(1).max(1)));
+    order
+}
+
+fn frame_files(path: &Path) -> Result<Vec<PathBuf>, TrainError> {
+    let no_data = |problem: String| TrainError::Data {
+        path: path.to_path_buf(),
+        problem,
+        way_out: "give --data a directory that `datagen` made (it has a manifest.json), or one with .bin files".into(),
+    };
+    if path.is_file() {
+        return Ok(vec![path.to_path_buf()]);
+    }
+    let entries = std::fs::read_dir(path).map_err(|e| no_data(e.to_string()))?;
+    let mut files: Vec<PathBuf> =
+        entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|x| x == "bin")).collect();
+    files.sort();
+    if files.is_empty() {
+        return Err(no_data("no data in it".into()));
+    }
+    Ok(files)
+}

@@ -1,0 +1,97 @@
+//! Why training cannot start or go on.
+
+use std::path::{Path, PathBuf};
+
+/// Errors of this crate.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The operating system refuses.
+    #[error("cannot {action} {path:?}: {source}")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A data or output file is unreadable or cannot be written.
+    #[error(transparent)]
+    Format(#[from] formats::FormatError),
+    /// A run directory cannot be made.
+    #[error(transparent)]
+    Run(#[from] formats::run::RunError),
+    /// A setting is out of its range.
+    #[error("setting {key} = {found}: {expected}")]
+    Setting {
+        /// Its dotted key.
+        key: &'static str,
+        /// The value.
+        found: String,
+        /// What would do.
+        expected: String,
+    },
+    /// There is no data set to train from.
+    #[error(
+        "{searched}; make a data set with `datagen` (for example `datagen --dataset procedural --out runs/data/first`), \
+         or name one with --data DIR"
+    )]
+    NoData {
+        /// Where, and what was missing.
+        searched: String,
+    },
+    /// A data set cannot be trained from.
+    #[error("{path:?}: {problem}; {way_out}")]
+    Data {
+        /// The data set or file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+        /// What to do.
+        way_out: String,
+    },
+    /// A checkpoint cannot be used.
+    #[error("checkpoint {path:?}: {problem}")]
+    Checkpoint {
+        /// Its directory or file.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        problem: String,
+    },
+    /// Weights cannot be read or written.
+    #[error(transparent)]
+    Weights(#[from] model::checkpoint::CheckpointError),
+    /// The device cannot be had.
+    #[error(transparent)]
+    Device(#[from] model::device::DeviceError),
+    /// Loss or gradient were not finite for too many steps in a row.
+    #[error(
+        "loss or gradient was not finite in {steps} steps in a row (last at step {step}); the last good state is in \
+         {checkpoint:?}; lower optimizer.rate (now {rate}), set optimizer.clip_norm, or look for bad data in log.jsonl"
+    )]
+    Diverged {
+        /// Steps in a row.
+        steps: u32,
+        /// Steps done.
+        step: u64,
+        /// Learning rate.
+        rate: f64,
+        /// Where the last good state is.
+        checkpoint: PathBuf,
+    },
+    /// The loader ended early.
+    #[error("a loader thread ended without a batch: {0}")]
+    Loader(String),
+}
+
+impl TrainError {
+    /// An error of the operating system.
+    pub(crate) fn io(action: &'static str, path: &Path, source: std::io::Error) -> TrainError {
+        TrainError::Io { action, path: path.to_path_buf(), source }
+    }
+
+    /// A setting out of range.
+    pub(crate) fn setting(key: &'static str, found: impl ToString, expected: impl Into<String>) -> TrainError {
+        TrainError::Setting { key, found: found.to_string(), expected: expected.into() }
+    }
+}

@@ -1,0 +1,113 @@
+//! What is done to gradients and weights between the backward pass and the optimizer.
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param, ParamId};
+use burn::optim::GradientsParams;
+use burn::tensor::Tensor;
+use std::collections::BTreeMap;
+
+/// L2 norm of the whole gradient; NaN or infinite where an entry is.
+pub fn norm<M: Module>(net: &M, gradients: &GradientsParams) -> f64 {
+    struct Squares<'a> {
+        gradients: &'a GradientsParams,
+        sums: Vec<Tensor<1>>,
+    }
+    impl ModuleVisitor for Squares<'_> {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            if let Some(g) = self.gradients.get::<D>(param.id) {
+                self.sums.push((g.clone() * g).sum());
+            }
+        }
+    }
+    let mut squares = Squares { gradients, sums: Vec::new() };
+    net.visit(&mut squares);
+    if squares.sums.is_empty() {
+        return 0.0;
+    }
+    // One read-back for all: it waits for the device.
+    let sums = Tensor::cat(squares.sums, 0).into_data();
+    sums.iter::<f64>().sum::<f64>().sqrt()
+}
+
+/// Multiplies every gradient.
+pub fn scale<M: Module>(net: &M, gradients: &mut GradientsParams, factor: f64) {
+    struct Scale<'a> {
+        gradients: &'a mut GradientsParams,
+        factor: f64,
+    }
+    impl ModuleVisitor for Scale<'_> {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            if let Some(g) = self.gradients.remove::<D>(param.id) {
+                self.gradients.register(param.id, g * self.factor);
+            }
+        }
+    }
+    net.visit(&mut Scale { gradients, factor });
+}
+
+/// The running statistics of a network's batch norms, by reference: a step whose loss turns out not to be finite
+/// has already changed them.
+pub struct Statistics(BTreeMap<ParamId, Tensor<1>>);
+
+impl Statistics {
+    /// As they are now.
+    pub fn of<M: Module>(net: &M) -> Statistics {
+        struct Collect(BTreeMap<ParamId, Tensor<1>>);
+        impl ModuleVisitor for Collect {
+            fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+                let value = param.val();
+                if D == 1 && !value.is_require_grad() {
+                    let n: usize = value.dims().iter().product();
+                    self.0.insert(param.id, value.reshape([n]));
+                }
+            }
+        }
+        let mut collect = Collect(BTreeMap::new());
+        net.visit(&mut collect);
+        Statistics(collect.0)
+    }
+
+    /// Puts them back.
+    pub fn restore<M: Module>(self, net: M) -> M {
+        struct Restore(BTreeMap<ParamId, Tensor<1>>);
+        impl ModuleMapper for Restore {
+            fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+                match self.0.remove(&param.id) {
+                    Some(old) => param.map(|new| {
+                        let shape = new.dims();
+                        old.reshape(shape)
+                    }),
+                    None => param,
+                }
+            }
+        }
+        net.map(&mut Restore(self.0))
+    }
+}
+
+/// Moves `average` towards `net`: decay * average + (1 - decay) * net, running statistics included. Both have the
+/// same parameter ids.
+pub fn average<M: Module>(average: M, net: &M, decay: f64) -> M {
+    struct Collect(BTreeMap<ParamId, Tensor<1>>);
+    impl ModuleVisitor for Collect {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let value = param.val();
+            let n: usize = value.dims().iter().product();
+            self.0.insert(param.id, value.detach().inner().reshape([n]));
+        }
+    }
+    struct Mix(BTreeMap<ParamId, Tensor<1>>, f64);
+    impl ModuleMapper for Mix {
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            match self.0.remove(&param.id) {
+                Some(new) => param.map(|old| {
+                    let shape = old.dims();
+                    old * self.1 + new.reshape(shape) * (1.0 - self.1)
+                }),
+                None => param,
+            }
+        }
+    }
+    let mut collect = Collect(BTreeMap::new());
+    net.visit(&mut collect);
+    average.map(&mut Mix(collect.0, decay))
+}

@@ -1,0 +1,95 @@
+//! `log.jsonl`: every record, one JSON object a line, for programs.
+
+use super::record::Record;
+use crate::TrainError;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Appends records to a file.
+#[derive(Debug)]
+pub struct Log {
+    file: BufWriter<File>,
+    path: PathBuf,
+}
+
+impl Log {
+    /// Opens `path` for appending after `step` steps: records of later steps, left by a run that went on after
+    /// its last checkpoint, and a last line cut short by a crash are dropped. Returns the records kept.
+    pub fn open(path: &Path, step: u64) -> Result<(Log, Vec<Record>), TrainError> {
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(e) => return Err(TrainError::io("read", path, e)),
+        };
+        let kept: Vec<Record> = text
+            .lines()
+            .filter_map(|line| serde_json::from_str::<Record>(line).ok())
+            .filter(|r| r.step() <= step && step > 0)
+            .collect();
+        let mut whole = Vec::new();
+        for record in &kept {
+            serde_json::to_writer(&mut whole, record).map_err(|e| TrainError::io("write", path, e.into()))?;
+            whole.push(b'\n');
+        }
+        formats::run::atomic_write(path, &whole)?;
+        let file = OpenOptions::new().append(true).open(path).map_err(|e| TrainError::io("open", path, e))?;
+        Ok((Log { file: BufWriter::new(file), path: path.to_path_buf() }, kept))
+    }
+
+    /// Appends a record. Numbers that JSON cannot hold (NaN) become null.
+    pub fn write(&mut self, record: &Record) -> Result<(), TrainError> {
+        let mut line = serde_json::to_vec(record).map_err(|e| TrainError::io("write", &self.path, e.into()))?;
+        line.push(b'\n');
+        self.file.write_all(&line).map_err(|e| TrainError::io("write", &self.path, e))
+    }
+
+    /// Hands everything to the operating system.
+    pub fn flush(&mut self) -> Result<(), TrainError> {
+        self.file.flush().map_err(|e| TrainError::io("write", &self.path, e))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::StepRecord;
+    use super::*;
+
+    fn step(step: u64) -> Record {
+        Record::Step(StepRecord {
+            step,
+            epoch: 0,
+            loss: 0.5,
+            rate: 1e-3,
+            gradient_norm: 1.0,
+            samples: 4,
+            seconds: 0.1,
+            wait_seconds: 0.0,
+        })
+    }
+
+    #[test]
+    fn a_log_is_cut_back_to_the_checkpoint_it_resumes_from() {
+        let dir = tempfile::tempdir().expect("temp dir");
+        let path = dir.path().join("log.jsonl");
+        let (mut log, kept) = Log::open(&path, 0).expect("open");
+        assert!(kept.is_empty());
+        for i in 1..=5 {
+            log.write(&step(i)).expect("write");
+        }
+        log.flush().expect("flush");
+        drop(log);
+        // A crash in the middle of a line.
+        let mut text = std::fs::read_to_string(&path).expect("read");
+        text.push_str("{\"kind\":\"step\",\"st");
+        std::fs::write(&path, text).expect("write");
+        let (mut log, kept) = Log::open(&path, 3).expect("open again");
+        assert_eq!(kept, [step(1), step(2), step(3)]);
+        log.write(&step(4)).expect("write");
+        log.flush().expect("flush");
+        let (_, kept) = Log::open(&path, 9).expect("open a third time");
+        assert_eq!(kept.len(), 4);
+        let (_, kept) = Log::open(&path, 0).expect("a fresh run");
+        assert!(kept.is_empty(), "a fresh run starts a fresh log");
+    }
+}

@@ -1,0 +1,234 @@
+//! `index.html`: the curves of a run in one file that needs nothing else, written afresh as training goes on.
+
+use super::record::Record;
+use plotters::prelude::*;
+use std::fmt::Write;
+
+/// A named curve.
+type Series<'a> = (&'a str, Vec<(f64, f64)>);
+
+/// The page for these records. While the run goes on (`done` false) it reloads itself every 20 seconds.
+pub fn render(title: &str, records: &[Record], done: bool) -> String {
+    let epochs = || records.iter().filter_map(|r| if let Record::Epoch(e) = r { Some(e) } else { None });
+    let steps = || records.iter().filter_map(|r| if let Record::Step(s) = r { Some(s) } else { None });
+    let episodes = || records.iter().filter_map(|r| if let Record::Episodes(e) = r { Some(e) } else { None });
+    let charts = [
+        chart(
+            "Loss per epoch (logarithmic)",
+            &[
+                ("training", epochs().map(|e| (e.step as f64, e.train_loss)).collect()),
+                ("validation", epochs().map(|e| (e.step as f64, e.valid_loss)).collect()),
+            ],
+            true,
+        ),
+        chart(
+            "Validation regret, as a share of a random choice's",
+            &[("relative regret", epochs().map(|e| (e.step as f64, e.valid.relative_regret())).collect())],
+            false,
+        ),
+        chart(
+            "Validation: rank correlation and hit rate",
+            &[
+                ("rank correlation", epochs().map(|e| (e.step as f64, e.valid.rank_correlation)).collect()),
+                ("hit rate", epochs().map(|e| (e.step as f64, e.valid.hit_rate)).collect()),
+            ],
+            false,
+        ),
+        chart(
+            "Closed-loop episodes: final coverage",
+            &[("coverage", episodes().map(|e| (e.step as f64, e.coverage)).collect())],
+            false,
+        ),
+        chart(
+            "Closed-loop episodes: views to 90 %",
+            &[("views", episodes().map(|e| (e.step as f64, e.views_to_90)).collect())],
+            false,
+        ),
+        chart("Loss per step (logarithmic)", &[("loss", steps().map(|s| (s.step as f64, s.loss)).collect())], true),
+        chart("Learning rate", &[("rate", steps().map(|s| (s.step as f64, s.rate)).collect())], false),
+        chart(
+            "Gradient norm (logarithmic)",
+            &[("norm", steps().map(|s| (s.step as f64, s.gradient_norm)).collect())],
+            true,
+        ),
+    ];
+    let mut page = String::from("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n");
+    if !done {
+        page.push_str("<meta http-equiv=\"refresh\" content=\"20\">\n");
+    }
+    let title = escape(title);
+    let _ = write!(
+        page,
+        "<title>{title}</title>\n<style>body{{font-family:sans-serif;margin:1.5em;max-width:1400px}}svg{{margin:.3em}}\
+         table{{border-collapse:collapse}}td,th{{padding:.15em .7em;text-align:right;border-bottom:1px solid #ddd}}</style>\n\
+         </head><body>\n<h1>{title}</h1>\n"
+    );
+    if let Some(last) = epochs().last() {
+        let best = epochs().filter(|e| e.best).last().unwrap_or(last);
+        let _ = writeln!(
+            page,
+            "<table><tr><th></th><th>epoch</th><th>step</th><th>training loss</th><th>validation loss</th>\
+             <th>relative regret</th><th>rank correlation</th><th>hit rate</th><th>samples/s</th></tr>"
+        );
+        for (name, e) in [("last", last), ("best", best)] {
+            let _ = writeln!(
+                page,
+                "<tr><th>{name}</th><td>{}</td><td>{}</td><td>{:.5}</td><td>{:.5}</td><td>{:.3}</td><td>{:.3}</td>\
+                 <td>{:.3}</td><td>{:.1}</td></tr>",
+                e.epoch + 1,
+                e.step,
+                e.train_loss,
+                e.valid_loss,
+                e.valid.relative_regret(),
+                e.valid.rank_correlation,
+                e.valid.hit_rate,
+                e.samples_per_second
+            );
+        }
+        page.push_str("</table>\n");
+    }
+    charts.iter().for_each(|c| page.push_str(c));
+    page.push_str("\n<ul>\n");
+    for record in records {
+        if let Record::Message { step, text } = record {
+            let _ = writeln!(page, "<li>step {step}: {}</li>", escape(text));
+        }
+    }
+    page.push_str("</ul>\n</body></html>\n");
+    page
+}
+
+/// One chart as SVG; empty where no curve has a finite point.
+fn chart(caption: &str, series: &[Series], log: bool) -> String {
+    let value = |y: f64| if log { y.log10() } else { y };
+    let series: Vec<Series> = series
+        .iter()
+        .map(|(name, s)| (*name, thin(s.iter().map(|&(x, y)| (x, value(y))).filter(|p| p.1.is_finite()).collect())))
+        .collect();
+    let points = || series.iter().flat_map(|s| &s.1);
+    if points().next().is_none() {
+        return String::new();
+    }
+    let range = |pick: fn(&(f64, f64)) -> f64| {
+        let (low, high) = points().map(pick).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+        let margin = if high > low { 0.05 * (high - low) } else { 0.5 * low.abs().max(1e-6) };
+        low - margin..high + margin
+    };
+    let mut svg = String::new();
+    let drawn = draw(&mut svg, caption, &series, log, range(|p| p.0), range(|p| p.1));
+    match drawn {
+        Ok(()) => svg,
+        Err(reason) => format!("<p>{}: {}</p>\n", escape(caption), escape(&reason)),
+    }
+}
+
+fn draw(
+    svg: &mut String,
+    caption: &str,
+    series: &[Series],
+    log: bool,
+    x: std::ops::Range<f64>,
+    y: std::ops::Range<f64>,
+) -> Result<(), String> {
+    let say = |e: DrawingAreaErrorKind<std::io::Error>| e.to_string();
+    let area = SVGBackend::with_string(svg, (660, 320)).into_drawing_area();
+    area.fill(&WHITE).map_err(say)?;
+    let mut context = ChartBuilder::on(&area)
+        .caption(caption, ("sans-serif", 16))
+        .margin(8)
+        .x_label_area_size(30)
+        .y_label_area_size(64)
+        .build_cartesian_2d(x, y)
+        .map_err(say)?;
+    context
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .x_desc("step")
+        .x_label_formatter(&|x| format!("{x:.0}"))
+        .y_label_formatter(&|y| if log { format!("{:.1e}", 10f64.powf(*y)) } else { format!("{y:.4}") })
+        .draw()
+        .map_err(say)?;
+    for (i, (name, curve)) in series.iter().enumerate() {
+        let colour = Palette99::pick(i).to_rgba();
+        let line = LineSeries::new(curve.iter().copied(), colour.stroke_width(2));
+        context
+            .draw_series(line)
+            .map_err(say)?
+            .label(*name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
+    }
+    if series.len() > 1 {
+        context.configure_series_labels().background_style(WHITE.mix(0.8)).draw().map_err(say)?;
+    }
+    area.present().map_err(say)
+}
+
+/// At most 2,000 points, so that a long run's page stays small: means over equal stretches.
+fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    let stretch = points.len().div_ceil(2000).max(1);
+    if stretch == 1 {
+        return points;
+    }
+    let mean = |c: &[(f64, f64)]| {
+        let n = c.len() as f64;
+        (c.iter().map(|p| p.0).sum::<f64>() / n, c.iter().map(|p| p.1).sum::<f64>() / n)
+    };
+    points.chunks(stretch).map(mean).collect()
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::{EpochRecord, StepRecord};
+    use super::*;
+    use crate::metrics::RankingMetrics;
+
+    fn records(n: u64) -> Vec<Record> {
+        let mut out = Vec::new();
+        for i in 1..=n {
+            out.push(Record::Step(StepRecord {
+                step: i,
+                epoch: 0,
+                loss: 1.0 / i as f64,
+                rate: 1e-3,
+                gradient_norm: f64::NAN,
+                samples: 8,
+                seconds: 0.1,
+                wait_seconds: 0.0,
+            }));
+        }
+        out.push(Record::Epoch(EpochRecord {
+            step: n,
+            epoch: 0,
+            train_loss: 0.5,
+            valid_loss: 0.4,
+            valid: RankingMetrics { decisions: 10, regret: 0.01, random_regret: 0.04, ..Default::default() },
+            best: true,
+            rate: 1e-3,
+            seconds: 3.0,
+            samples_per_second: 12.0,
+        }));
+        out.push(Record::Message { step: n, text: "a <script> & more".into() });
+        out
+    }
+
+    #[test]
+    fn the_page_is_self_contained_and_reloads_until_done() {
+        let page = render("run <1>", &records(20), false);
+        assert!(page.contains("<svg") && page.contains("http-equiv=\"refresh\""));
+        assert!(page.contains("0.250"), "the relative regret");
+        assert!(page.contains("a &lt;script&gt; &amp; more") && page.contains("run &lt;1&gt;"));
+        assert!(!page.contains("<script") && !page.contains("src=") && !page.contains("href="));
+        assert!(!page.contains("Gradient norm"), "a curve without a finite point is left out");
+        assert!(!render("run", &records(20), true).contains("http-equiv"));
+        assert!(render("empty", &[], false).contains("</html>"));
+    }
+
+    #[test]
+    fn a_long_run_keeps_a_small_page() {
+        assert!(render("long", &records(50_000), false).len() < 400_000);
+    }
+}

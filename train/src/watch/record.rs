@@ -1,0 +1,96 @@
+//! What is reported while training: one record per step, per epoch, per round of closed-loop episodes.
+
+use crate::metrics::RankingMetrics;
+use serde::{Deserialize, Serialize};
+
+/// One line of `log.jsonl`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Record {
+    /// An optimizer step.
+    Step(StepRecord),
+    /// An epoch and its validation.
+    Epoch(EpochRecord),
+    /// Closed-loop episodes on held-out objects.
+    Episodes(EpisodesRecord),
+    /// Something that a person should know: a refused sample, a skipped step, a resumption.
+    Message {
+        /// Steps done.
+        step: u64,
+        /// The sentence.
+        text: String,
+    },
+}
+
+impl Record {
+    /// Optimizer steps done when it was written.
+    pub fn step(&self) -> u64 {
+        match self {
+            Record::Step(r) => r.step,
+            Record::Epoch(r) => r.step,
+            Record::Episodes(r) => r.step,
+            Record::Message { step, .. } => *step,
+        }
+    }
+}
+
+/// One optimizer step.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepRecord {
+    /// Steps done, this one included.
+    pub step: u64,
+    /// Epoch, from 0.
+    pub epoch: u32,
+    /// Training loss of the step's batch.
+    pub loss: f64,
+    /// Learning rate.
+    pub rate: f64,
+    /// L2 norm of the whole gradient before clipping.
+    pub gradient_norm: f64,
+    /// Samples in the step.
+    pub samples: usize,
+    /// Wall time of the step, seconds.
+    pub seconds: f64,
+    /// Of it, the wait for the loader.
+    pub wait_seconds: f64,
+}
+
+/// One epoch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EpochRecord {
+    /// Steps done.
+    pub step: u64,
+    /// Epoch, from 0.
+    pub epoch: u32,
+    /// Mean training loss over the epoch.
+    pub train_loss: f64,
+    /// Loss on the validation objects.
+    pub valid_loss: f64,
+    /// How the validation candidates are ordered.
+    pub valid: RankingMetrics,
+    /// Whether this is the lowest validation regret so far.
+    pub best: bool,
+    /// Learning rate of the last step.
+    pub rate: f64,
+    /// Wall time, seconds, validation included.
+    pub seconds: f64,
+    /// Training samples per second, validation excluded.
+    pub samples_per_second: f64,
+}
+
+/// Closed-loop episodes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EpisodesRecord {
+    /// Steps done.
+    pub step: u64,
+    /// Epoch, from 0.
+    pub epoch: u32,
+    /// Episodes that counted.
+    pub episodes: usize,
+    /// Mean final coverage, in [0, 1].
+    pub coverage: f64,
+    /// Mean number of views to 90 % coverage; never reached counts one more than the views of an episode.
+    pub views_to_90: f64,
+    /// Wall time, seconds.
+    pub seconds: f64,
+}
