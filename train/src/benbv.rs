@@ -3,13 +3,15 @@
 use crate::TrainError;
 use crate::config::TrainConfig;
 use crate::data::Dataset;
+use crate::episodes;
 use crate::metrics::Ranking;
 use crate::task::{Episodes, Task, Validation};
 use burn::tensor::{Device, Tensor, TensorData};
 use formats::Sample;
 use geometry::rng::stream;
+use model::checkpoint::Checkpoint;
 use model::encode::{Encoded, EncodeConfig, encode, to_input};
-use model::{BenbvNet, BenbvNetConfig, position_weighted_loss};
+use model::{BenbvNet, BenbvNetConfig, NetPlanner, NetPlannerConfig, position_weighted_loss};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
@@ -158,8 +160,10 @@ impl Task for BenbvTask<'_> {
         Ok(Validation { loss: loss / terms.max(1) as f64, ranking: ranking.means() })
     }
 
-    fn episodes(&self, _net: &BenbvNet, _device: &Device) -> Option<Episodes> {
-        None
+    fn episodes(&self, net: &BenbvNet, _: &Device) -> Option<Episodes> {
+        let info = Checkpoint::new::<BenbvNet>(self.network(), self.encode());
+        let planner = NetPlanner::new(net.clone(), info, NetPlannerConfig::default());
+        Some(episodes::run(&self.config.episodes, || planner.clone()))
     }
 
     fn refusals(&self) -> Vec<String> {

@@ -1,10 +1,16 @@
 //! The samples of a data set, split by object.
 
 use crate::TrainError;
+use formats::frame_history::Frame;
 use formats::{Fate, Manifest, Sample, ShardReader, Split};
+use geometry::CandidateView;
+use geometry::density::densities;
 use geometry::rng::stream;
 use rand::seq::SliceRandom;
 use std::path::{Path, PathBuf};
+
+/// Neighbours that the density is taken over (method, 'Network input and output').
+const DENSITY_NEIGHBORS: usize = 30;
 
 /// A data set on disk, its shards memory-mapped.
 #[derive(Debug)]
@@ -91,7 +97,8 @@ impl Dataset {
         let mut objects = Vec::new();
         for file in &files {
             let object = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            objects.push(Source::Frames(formats::frame_history::read(file)?.into_samples(&object)));
+            let frames = formats::frame_history::read_frame_history(file)?;
+            objects.push(Source::Frames(frames.into_iter().enumerate().map(|(i, f)| frame_sample(&object, i, f)).collect()));
         }
         let held = held_out(objects.len(), fraction, seed);
         let (mut train, mut validation) = (Vec::new(), Vec::new());
@@ -150,6 +157,27 @@ impl Dataset {
             Source::Shard(reader) => reader.sample(place.index),
             Source::Frames(samples) => samples[place.index].clone(),
         }
+    }
+}
+
+/// A decision of the authors' files. They keep no density: it is taken on the whole cloud, as in planning.
+fn frame_sample(object: &str, index: usize, frame: Frame) -> Sample {
+    let targets: Vec<_> = frame.candidates.iter().map(|v| v.target).collect();
+    let density = densities(&frame.cloud.points, &targets, DENSITY_NEIGHBORS);
+    let candidates: Vec<CandidateView> =
+        frame.candidates.iter().zip(density).map(|(&view, density)| CandidateView { view, density }).collect();
+    let unknown = vec![f64::NAN; candidates.len()];
+    Sample {
+        object: object.to_string(),
+        scan_index: index,
+        working_distance: (frame.current.position - frame.current.target).norm(),
+        cloud: frame.cloud,
+        candidates,
+        coverage: unknown.clone(),
+        overlap: unknown,
+        scores: frame.scores,
+        current_coverage: f64::NAN,
+        cameras: Vec::new(),
     }
 }
 

@@ -1,0 +1,145 @@
+//! How much of the bare training step's rate the whole loop keeps, and how fast the loader is alone.
+//!
+//! `cargo run --release -p train --example loop_rate -- [batch] [points] [steps] [paper|compact]`
+//!
+//! Prints samples per second by wall time and CPU seconds per sample (all threads) of the loader alone (one thread),
+//! of the bare step (forward, loss, backward, AdamW on the same batch again and again), and of `train::train`
+//! (loader, resampling, augmentation, checks, gradient norm, log, page). Clouds have 5,000 points, decisions 20
+//! candidates. `tests/reference/train_loop.py` does the same in PyTorch.
+
+use burn::module::Module;
+use burn::optim::{AdamWConfig, GradientsParams};
+use formats::{CloudPrecision, Fate, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
+use geometry::{CandidateView, PointCloud, View, rng::stream};
+use nalgebra::{Point3, Vector3};
+use rand::Rng;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+use train::{BenbvTask, Dataset, Run, Task, TrainConfig};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |i: usize, default: usize| arguments.get(i).and_then(|a| a.parse().ok()).unwrap_or(default);
+    let (batch, points, steps) = (number(0, 32), number(1, 1024), number(2, 12));
+    let preset = arguments.get(3).map_or("paper", String::as_str);
+
+    let tmp = std::env::temp_dir().join(format!("loop_rate_{}", std::process::id()));
+    write_set(&tmp.join("data"), batch * steps)?;
+    let mut config = TrainConfig { batch, epochs: 1, ..Default::default() };
+    config.network = model::BenbvNetConfig::preset(preset).ok_or("expected paper or compact")?;
+    config.network.points = points;
+    config.episodes.every_epochs = 0;
+    config.checkpoint.every_steps = 0;
+    config.augment.turn = train::augment::Turn::Any;
+    let data = Dataset::open(&tmp.join("data"), 0.2, 0)?;
+    let task = BenbvTask::new(&config, &data);
+
+    let visits: Vec<usize> = (0..batch * steps).collect();
+    let mut batches = Vec::new();
+    let loader = measure(batch * steps, || batches.extend(visits.chunks(batch).map(|v| task.batch(0, v))));
+    print("loader alone, one thread", loader);
+
+    let device = model::device::open("cpu")?;
+    let mut net = config.network.init(&device).train();
+    let mut optimizer = AdamWConfig::new().with_weight_decay(0.01).with_epsilon(1e-8).init();
+    let mut step = |batch| {
+        let loss = task.loss(&net, batch, &device);
+        let _value: f32 = loss.clone().into_scalar();
+        let gradients = GradientsParams::from_grads(loss.backward(), &net);
+        net = optimizer.step(1e-3, net.clone(), gradients);
+    };
+    step(task.batch(0, &visits[..batch]));
+    let bare = measure(batch * steps, || batches.drain(..).for_each(&mut step));
+    print("bare step", bare);
+
+    let dir = tmp.join("run");
+    let run = Run { dir: &dir, resume: false, quiet: true, stop: &|_| false, provenance: BTreeMap::new() };
+    let whole = measure(batch * steps, || {
+        if let Err(e) = train::train(&task, &config, &run) {
+            eprintln!("error: {e}");
+        }
+    });
+    // The log times the steps alone: start, validation and saving happen once an epoch, here after a few steps.
+    let log = std::fs::read_to_string(dir.join("log.jsonl"))?;
+    let records = log.lines().filter_map(|l| serde_json::from_str::<train::watch::Record>(l).ok());
+    let (mut seconds, mut waited) = (0.0, 0.0);
+    for record in records {
+        if let train::watch::Record::Step(s) = record {
+            seconds += s.seconds;
+            waited += s.wait_seconds;
+        }
+    }
+    print("whole loop with start, validation and saving", whole);
+    let rate = (batch * steps) as f64 / seconds;
+    println!("whole loop, steps: {rate:.1} samples/s, {:.2} % of it waiting for the loader", 100.0 * waited / seconds);
+    println!("whole loop / bare step: {:.3}; loader / bare step, CPU: {:.1}", rate / bare.0, bare.1 / loader.1);
+    std::fs::remove_dir_all(&tmp)?;
+    Ok(())
+}
+
+/// Samples per second of wall time, and CPU seconds per sample.
+fn measure(samples: usize, work: impl FnOnce()) -> (f64, f64) {
+    let (wall, cpu) = (Instant::now(), cpu_seconds());
+    work();
+    (samples as f64 / wall.elapsed().as_secs_f64(), (cpu_seconds() - cpu) / samples as f64)
+}
+
+fn print(what: &str, (rate, cpu): (f64, f64)) {
+    println!("{what}: {rate:.1} samples/s, {:.3} ms CPU a sample", 1e3 * cpu);
+}
+
+/// CPU time of this process so far, from `/proc` (hundredths of a second); 0 where there is none.
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    let ticks = |i: usize| fields.get(i).and_then(|f| f.parse::<f64>().ok()).unwrap_or(0.0);
+    (ticks(11) + ticks(12)) / 100.0
+}
+
+fn write_set(dir: &Path, samples: usize) -> Result<(), Box<dyn std::error::Error>> {
+    let mut objects = Vec::new();
+    for (name, split, count) in [("train", Split::Train, samples), ("validation", Split::Validation, 1)] {
+        let shard = format!("{name}.safetensors");
+        let fate =
+            Fate::Done { shard: shard.clone(), samples: count, coverage: vec![], overlap: vec![], void_episodes: 0 };
+        let record = ObjectRecord { object: name.into(), category: "random".into(), split, fate };
+        let metadata = ShardMetadata { objects: vec![record.clone()], ..Default::default() };
+        let mut writer = ShardWriter::new(metadata, CloudPrecision::F32);
+        for i in 0..count {
+            writer.push(&sample(name, i))?;
+        }
+        writer.write(&dir.join(shard))?;
+        objects.push(record);
+    }
+    let manifest = Manifest {
+        schema_version: formats::shard::SCHEMA_VERSION,
+        dataset: "random".into(),
+        config_hash: String::new(),
+        seed: 0,
+        commit: String::new(),
+        objects,
+    };
+    Ok(manifest.write(dir)?)
+}
+
+fn sample(object: &str, index: usize) -> Sample {
+    let mut rng = stream(0, &format!("{object}/{index}"));
+    let mut unit = || Vector3::from_fn(|_, _| rng.r#gen::<f64>() - 0.5).normalize();
+    let normals: Vec<Vector3<f64>> = (0..5000).map(|_| unit()).collect();
+    let points: Vec<Point3<f64>> = normals.iter().map(|n| (n * 0.1).into()).collect();
+    let view = |i: usize| View { target: points[i], position: points[i] + 1.2 * normals[i] };
+    let candidates: Vec<CandidateView> = (0..20).map(|i| CandidateView { view: view(i), density: 300.0 }).collect();
+    Sample {
+        object: object.into(),
+        scan_index: index % 15,
+        cloud: PointCloud { points: points.clone(), normals },
+        scores: (0..20).map(|i| 0.05 * i as f64).collect(),
+        coverage: vec![0.5; 20],
+        overlap: vec![0.4; 20],
+        candidates,
+        current_coverage: 0.5,
+        working_distance: 1.2,
+        cameras: vec![],
+    }
+}

@@ -1,0 +1,220 @@
+//! `train`: networks for next-best-view planning from data that `datagen` made.
+
+use anyhow::{Context, bail};
+use clap::{Args, Parser, Subcommand};
+use formats::Flag;
+use formats::run::{RunDir, new_run_path};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use train::data::newest_set;
+use train::{BenbvTask, Dataset, Outcome, Run, TrainConfig};
+
+/// Trains a network that chooses the next best view.
+#[derive(Parser)]
+#[command(
+    version,
+    args_conflicts_with_subcommands = true,
+    after_help = "Example: datagen --dataset procedural --out runs/data/first && train --config configs/tiny/train.toml\n\
+                  Watch: open index.html in the run's directory, or `tensorboard --logdir runs/train`."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    train: TrainArgs,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Converts weights between PyTorch files and checkpoints.
+    Convert(train::convert::ConvertArgs),
+}
+
+#[derive(Args)]
+struct TrainArgs {
+    /// Data set; without it the newest complete one under runs/data
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Directory of the run [default: runs/train/<time>; with --resume the newest run there]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Go on where the run in --out stopped, with its settings
+    #[arg(long)]
+    resume: bool,
+    /// Passes over the data
+    #[arg(long)]
+    epochs: Option<u32>,
+    /// Samples per optimizer step
+    #[arg(long)]
+    batch: Option<u32>,
+    /// Points that clouds are resampled to
+    #[arg(long)]
+    points: Option<u32>,
+    /// Learning rate
+    #[arg(long)]
+    lr: Option<f64>,
+    /// cpu, or a GPU backend that was compiled in (wgpu, cuda)
+    #[arg(long)]
+    device: Option<String>,
+    /// Seed of every random stream
+    #[arg(long)]
+    seed: Option<u32>,
+    /// Threads of the computation [default: all cores]
+    #[arg(long)]
+    jobs: Option<usize>,
+    /// Settings file, e.g. configs/tiny/train.toml
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// One setting, e.g. --set optimizer.clip_norm=1 (may be repeated)
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Print the outcome as JSON on stdout
+    #[arg(long)]
+    json: bool,
+    /// More messages (-v, -vv)
+    #[arg(short, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+impl TrainArgs {
+    fn flags(&self) -> Vec<Flag> {
+        let path = |p: &PathBuf| p.to_string_lossy().into_owned();
+        [
+            Flag::given("--data", "data", self.data.as_ref().map(path)),
+            Flag::given("--epochs", "epochs", self.epochs.map(i64::from)),
+            Flag::given("--batch", "batch", self.batch.map(i64::from)),
+            Flag::given("--points", "network.points", self.points.map(i64::from)),
+            Flag::given("--lr", "optimizer.rate", self.lr),
+            Flag::given("--device", "device", self.device.clone()),
+            Flag::given("--seed", "seed", self.seed.map(i64::from)),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let level = match cli.train.verbose {
+        0 => "info",
+        1 => "debug",
+        _ => "trace",
+    };
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(format!("warn,train={level}")));
+    tracing_subscriber::fmt().with_env_filter(filter).with_target(false).with_writer(std::io::stderr).init();
+    let result = match &cli.command {
+        Some(Command::Convert(args)) => train::convert::convert(args).map_err(Into::into),
+        None => train_network(&cli.train),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("error: {e:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn train_network(args: &TrainArgs) -> anyhow::Result<()> {
+    let base = Path::new("runs/train");
+    let dir = match (&args.out, args.resume) {
+        (Some(out), _) => out.clone(),
+        (None, false) => new_run_path(base),
+        (None, true) => formats::run::newest(base, "latest/training.toml")
+            .with_context(|| format!("no run to resume in {base:?}; name it with --out DIR"))?,
+    };
+    let started = train::checkpoint::exists(&dir.join("latest"));
+    if args.resume && !started {
+        bail!("{dir:?} holds no run to resume (no latest/training.toml); leave out --resume to start one there");
+    }
+    if started && !args.resume {
+        bail!("{dir:?} holds a run already; go on with --resume, or name another directory with --out");
+    }
+    let file = match (&args.config, args.resume) {
+        (Some(_), true) => bail!("--resume takes the settings of the run; leave out --config"),
+        (None, true) => Some(dir.join("config.toml")),
+        (file, false) => file.clone(),
+    };
+    let mut config: TrainConfig = formats::config::load(file.as_deref(), &args.set, &args.flags())?;
+    config.validate()?;
+    if let Some(jobs) = args.jobs {
+        rayon::ThreadPoolBuilder::new().num_threads(jobs).build_global().context("--jobs")?;
+    }
+    if config.data.as_os_str().is_empty() {
+        config.data = newest_set(Path::new("runs/data"))?;
+        tracing::info!("data: {:?}, the newest complete set under \"runs/data\"", config.data);
+    }
+    let data = Dataset::open(&config.data, config.validation.fraction, config.seed)?;
+    tracing::info!(
+        "{} training and {} validation samples of {}",
+        data.num_train(),
+        data.num_validation(),
+        data.name()
+    );
+    let mut run_dir = RunDir::create(&dir, "train", &config)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::SeqCst) {
+            std::process::exit(130); // the second time at once; the last checkpoint stays whole
+        }
+        eprintln!("stopping after this step (again: at once)");
+    })
+    .context("cannot watch for Ctrl-C")?;
+    let run = Run {
+        dir: &dir,
+        resume: args.resume,
+        quiet: false,
+        stop: &|_| stop.load(Ordering::SeqCst),
+        provenance: provenance(&run_dir, &config, &data)?,
+    };
+    tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));
+    let outcome = train::train(&BenbvTask::new(&config, &data), &config, &run);
+    run_dir.finish(match &outcome {
+        Ok(o) if o.finished => "finished",
+        Ok(_) => "stopped",
+        Err(_) => "failed",
+    })?;
+    report(&outcome?, &dir, args.json)
+}
+
+fn provenance(run: &RunDir, config: &TrainConfig, data: &Dataset) -> anyhow::Result<BTreeMap<String, String>> {
+    let p = run.provenance();
+    Ok(BTreeMap::from([
+        ("command".to_string(), p.command.join(" ")),
+        ("program".into(), p.program.clone()),
+        ("commit".into(), p.commit.clone()),
+        ("seed".into(), config.seed.to_string()),
+        ("settings".into(), formats::config::hash(config)?),
+        ("data".into(), data.name().to_string()),
+    ]))
+}
+
+fn report(outcome: &Outcome, dir: &Path, json: bool) -> anyhow::Result<()> {
+    let best = outcome.epochs.iter().rfind(|e| e.best);
+    if json {
+        let value = serde_json::json!({
+            "run": dir,
+            "finished": outcome.finished,
+            "steps": outcome.state.step,
+            "epochs": outcome.epochs.len(),
+            "best": best,
+        });
+        println!("{value}");
+    } else if let Some(e) = best {
+        tracing::info!(
+            "best epoch {}: regret {:.3} of random's, rank correlation {:.3}, hit rate {:.3}; weights in {:?}",
+            e.epoch + 1,
+            e.valid.relative_regret(),
+            e.valid.rank_correlation,
+            e.valid.hit_rate,
+            dir.join("best")
+        );
+    }
+    Ok(())
+}
