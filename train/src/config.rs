@@ -25,7 +25,9 @@ pub struct TrainConfig {
     pub accumulation: usize,
     /// `cpu`, or a GPU backend that was compiled in.
     pub device: String,
-    /// Sizes of the network.
+    /// Which network.
+    pub kind: NetworkKind,
+    /// Sizes of BENBV-Net.
     pub network: BenbvNetConfig,
     /// What the network is shown.
     pub input: InputConfig,
@@ -43,6 +45,8 @@ pub struct TrainConfig {
     pub checkpoint: CheckpointConfig,
     /// Loader threads.
     pub loader: LoaderConfig,
+    /// Data of PC-NBV.
+    pub pc_nbv: PcNbvConfig,
 }
 
 impl Default for TrainConfig {
@@ -54,6 +58,7 @@ impl Default for TrainConfig {
             batch: 128,
             accumulation: 1,
             device: "cpu".into(),
+            kind: NetworkKind::default(),
             network: BenbvNetConfig::default(),
             input: InputConfig::default(),
             optimizer: OptimizerConfig::default(),
@@ -63,6 +68,55 @@ impl Default for TrainConfig {
             episodes: EpisodesConfig::default(),
             checkpoint: CheckpointConfig::default(),
             loader: LoaderConfig::default(),
+            pc_nbv: PcNbvConfig::default(),
+        }
+    }
+}
+
+/// Networks that can be trained.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NetworkKind {
+    /// BENBV-Net, on a data set.
+    #[default]
+    BenbvNet,
+    /// The rival PC-NBV, on gains of procedural objects that are made as training starts.
+    PcNbv,
+}
+
+/// Data of PC-NBV (PC-NBV notes, sections 5 and 7).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PcNbvConfig {
+    /// Points per cloud.
+    pub points: usize,
+    /// Procedural objects to train on.
+    pub objects: usize,
+    /// Further ones for validation.
+    pub validation_objects: usize,
+    /// Episodes per object: the first starts from a view of the set, the others from random views.
+    pub starts: usize,
+    /// Decisions per episode.
+    pub steps: usize,
+    /// Share of random decisions in every second episode.
+    pub explore: f64,
+    /// Distance of the 33 cameras from the object's centre, metres.
+    pub distance_m: f64,
+    /// Distance under which a surface point counts as covered, metres.
+    pub tolerance_m: f64,
+}
+
+impl Default for PcNbvConfig {
+    fn default() -> Self {
+        PcNbvConfig {
+            points: 512,
+            objects: 400,
+            validation_objects: 50,
+            starts: 3,
+            steps: 10,
+            explore: 0.5,
+            distance_m: 1.5,
+            tolerance_m: 0.002,
         }
     }
 }
@@ -206,6 +260,10 @@ impl TrainConfig {
             ("batch", self.batch as u64),
             ("accumulation", self.accumulation as u64),
             ("loader.ready", self.loader.ready as u64),
+            ("pc_nbv.objects", self.pc_nbv.objects as u64),
+            ("pc_nbv.validation_objects", self.pc_nbv.validation_objects as u64),
+            ("pc_nbv.starts", self.pc_nbv.starts as u64),
+            ("pc_nbv.steps", self.pc_nbv.steps as u64),
             ("schedule.step_epochs", u64::from(self.schedule.step_epochs)),
         ];
         for (key, value) in least_one {

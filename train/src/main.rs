@@ -10,7 +10,9 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use train::data::newest_set;
-use train::{BenbvTask, Dataset, Outcome, Run, TrainConfig};
+use train::config::NetworkKind;
+use train::pc_nbv::{GainSet, PcNbvTask};
+use train::{BenbvTask, Dataset, Outcome, Run, Task, TrainConfig};
 
 /// Trains a network that chooses the next best view.
 #[derive(Parser)]
@@ -35,6 +37,9 @@ enum Command {
 
 #[derive(Args)]
 struct TrainArgs {
+    /// benbv-net, or its rival pc-nbv (which makes its own data)
+    #[arg(long, value_name = "KIND")]
+    network: Option<String>,
     /// Data set; without it the newest complete one under runs/data
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
@@ -83,6 +88,7 @@ impl TrainArgs {
     fn flags(&self) -> Vec<Flag> {
         let path = |p: &PathBuf| p.to_string_lossy().into_owned();
         [
+            Flag::given("--network", "kind", self.network.clone()),
             Flag::given("--data", "data", self.data.as_ref().map(path)),
             Flag::given("--epochs", "epochs", self.epochs.map(i64::from)),
             Flag::given("--batch", "batch", self.batch.map(i64::from)),
@@ -145,6 +151,54 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<()> {
     if let Some(jobs) = args.jobs {
         rayon::ThreadPoolBuilder::new().num_threads(jobs).build_global().context("--jobs")?;
     }
+    let data = open_data(&mut config)?;
+    let mut run_dir = RunDir::create(&dir, "train", &config)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::SeqCst) {
+            std::process::exit(130); // the second time at once; the last checkpoint stays whole
+        }
+        eprintln!("stopping after this step (again: at once)");
+    })
+    .context("cannot watch for Ctrl-C")?;
+    tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));
+    let run = |data: String| -> anyhow::Result<Run> {
+        Ok(Run {
+            dir: &dir,
+            resume: args.resume,
+            quiet: false,
+            stop: &|_| stop.load(Ordering::SeqCst),
+            provenance: provenance(&run_dir, &config, data)?,
+        })
+    };
+    let outcome = match &data {
+        Data::Decisions(data) => {
+            train::train(&BenbvTask::new(&config, data), &config, &run(data.name().to_string())?)
+        }
+        Data::Gains(data) => {
+            let task = PcNbvTask::new(&config, data);
+            train::train(&task, &config, &run(task.data_name())?)
+        }
+    };
+    run_dir.finish(match &outcome {
+        Ok(o) if o.finished => "finished",
+        Ok(_) => "stopped",
+        Err(_) => "failed",
+    })?;
+    report(&outcome?, &dir, args.json)
+}
+
+enum Data {
+    Decisions(Dataset),
+    Gains(GainSet),
+}
+
+fn open_data(config: &mut TrainConfig) -> anyhow::Result<Data> {
+    if config.kind == NetworkKind::PcNbv {
+        tracing::info!("simulating {} objects", config.pc_nbv.objects + config.pc_nbv.validation_objects);
+        return Ok(Data::Gains(GainSet::procedural(&config.pc_nbv, config.seed)));
+    }
     if config.data.as_os_str().is_empty() {
         config.data = newest_set(Path::new("runs/data"))?;
         tracing::info!("data: {:?}, the newest complete set under \"runs/data\"", config.data);
@@ -156,34 +210,10 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<()> {
         data.num_validation(),
         data.name()
     );
-    let mut run_dir = RunDir::create(&dir, "train", &config)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::SeqCst) {
-            std::process::exit(130); // the second time at once; the last checkpoint stays whole
-        }
-        eprintln!("stopping after this step (again: at once)");
-    })
-    .context("cannot watch for Ctrl-C")?;
-    let run = Run {
-        dir: &dir,
-        resume: args.resume,
-        quiet: false,
-        stop: &|_| stop.load(Ordering::SeqCst),
-        provenance: provenance(&run_dir, &config, &data)?,
-    };
-    tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));
-    let outcome = train::train(&BenbvTask::new(&config, &data), &config, &run);
-    run_dir.finish(match &outcome {
-        Ok(o) if o.finished => "finished",
-        Ok(_) => "stopped",
-        Err(_) => "failed",
-    })?;
-    report(&outcome?, &dir, args.json)
+    Ok(Data::Decisions(data))
 }
 
-fn provenance(run: &RunDir, config: &TrainConfig, data: &Dataset) -> anyhow::Result<BTreeMap<String, String>> {
+fn provenance(run: &RunDir, config: &TrainConfig, data: String) -> anyhow::Result<BTreeMap<String, String>> {
     let p = run.provenance();
     Ok(BTreeMap::from([
         ("command".to_string(), p.command.join(" ")),
@@ -191,7 +221,7 @@ fn provenance(run: &RunDir, config: &TrainConfig, data: &Dataset) -> anyhow::Res
         ("commit".into(), p.commit.clone()),
         ("seed".into(), config.seed.to_string()),
         ("settings".into(), formats::config::hash(config)?),
-        ("data".into(), data.name().to_string()),
+        ("data".into(), data),
     ]))
 }
 

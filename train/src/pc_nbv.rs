@@ -1,19 +1,28 @@
 //! PC-NBV on gains from our simulator.
 
 use crate::TrainError;
-use crate::config::TrainConfig;
-use crate::metrics::Ranking;
-use crate::pc_nbv_data::{GainSample, ObjectViews};
+use crate::config::{PcNbvConfig, TrainConfig};
+use crate::metrics::{Ranking, argmax};
+use crate::pc_nbv_data::{GainSample, ObjectViews, episode_states};
 use crate::task::{Episodes, Task, Validation};
 use burn::tensor::{Device, Tensor, TensorData};
+use datagen::episode::initial_view;
+use datagen::{EpisodeConfig, Scene, procedural};
+use geometry::View;
 use geometry::rng::stream;
+use geometry::sampling::sample_surface;
 use model::encode::EncodeConfig;
-use model::pc_nbv::{PcNbvNet, PcNbvNetConfig, VIEWS, gain_loss, normalise};
+use model::pc_nbv::{PcNbvNet, PcNbvNetConfig, VIEWS, gain_loss, normalise, view_directions};
 use nalgebra::Point3;
 use rand::Rng;
+use rayon::prelude::*;
 
 /// Samples in a validation batch.
 const VALIDATION_BATCH: usize = 16;
+/// Surface samples per object.
+const SURFACE: usize = 60_000;
+/// Diagonal of an object, metres (method, 'Setting').
+const DIAGONAL: f64 = 0.2;
 
 /// Objects with the states of their episodes.
 #[derive(Debug, Default)]
@@ -24,6 +33,49 @@ pub struct GainSet {
     pub train: Vec<GainSample>,
     /// States of other objects.
     pub validation: Vec<GainSample>,
+}
+
+impl GainSet {
+    /// States of procedural objects that belong to the seed. Objects that no view sees are left out.
+    pub fn procedural(config: &PcNbvConfig, seed: u64) -> GainSet {
+        let set: Vec<View> = view_directions()
+            .iter()
+            .map(|d| View { target: Point3::origin(), position: Point3::from(d * config.distance_m) })
+            .collect();
+        let amount = config.objects + config.validation_objects;
+        let made: Vec<(ObjectViews, Vec<GainSample>)> =
+            (0..amount).into_par_iter().filter_map(|i| object_states(config, &set, seed, i)).collect();
+        let training = made.len() * config.objects / amount;
+        let mut all = GainSet::default();
+        for (i, (views, states)) in made.into_iter().enumerate() {
+            let states = states.into_iter().map(|s| GainSample { object: i, ..s });
+            if i < training { all.train.extend(states) } else { all.validation.extend(states) }
+            all.objects.push(views);
+        }
+        all
+    }
+}
+
+fn object_states(config: &PcNbvConfig, set: &[View], seed: u64, index: usize) -> Option<(ObjectViews, Vec<GainSample>)> {
+    let name = format!("pc-nbv/{index}");
+    let scene = Scene::new(procedural::mesh(seed, index as u64).normalized(DIAGONAL));
+    let surface = sample_surface(scene.mesh(), SURFACE, &mut stream(seed, &format!("{name}/surface")));
+    let episode = EpisodeConfig::default();
+    let mut rng = stream(seed, &name);
+    let mut views = set.to_vec();
+    views.extend((1..config.starts).map(|_| initial_view(&episode, &mut rng)));
+    let camera = episode.image.camera();
+    let object = ObjectViews::scan(&scene, &surface, &views, &camera, &episode.render, config.tolerance_m)?;
+    let mut states = Vec::new();
+    for e in 0..config.starts {
+        let start = if e == 0 { rng.gen_range(0..set.len()) } else { set.len() + e - 1 };
+        let direction = views[start].direction();
+        let along: Vec<f32> = set.iter().map(|v| v.direction().dot(&direction) as f32).collect();
+        let nearest = argmax(&along);
+        let explore = if e % 2 == 1 { config.explore } else { 0.0 };
+        states.extend(episode_states(index, &object, set.len(), start, nearest, config.steps, explore, &mut rng));
+    }
+    Some((object, states))
 }
 
 /// Predict what each of the 33 fixed views would add.
