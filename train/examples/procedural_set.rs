@@ -42,7 +42,9 @@ fn object(out: &Path, seed: u64, index: u64) -> ObjectRecord {
     let name = format!("procedural_{index:05}");
     let split = if index % 5 == 4 { Split::Validation } else { Split::Train };
     let fate = match samples(&name, seed, index) {
-        Ok(samples) => write(out, &name, split, seed, &samples).unwrap_or_else(|e| Fate::Skipped { reason: e.to_string() }),
+        Ok(samples) => {
+            write(out, &name, split, seed, &samples).unwrap_or_else(|e| Fate::Skipped { reason: e.to_string() })
+        }
         Err(reason) => Fate::Skipped { reason },
     };
     ObjectRecord { object: name, category: "procedural".into(), split, fate }

@@ -110,7 +110,9 @@ impl AugmentConfig {
     fn draw_rotation(&self, rng: &mut impl Rng) -> Rotation3<f64> {
         let turn = match self.turn {
             Turn::None => Rotation3::identity(),
-            Turn::Vertical => Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * rng.r#gen::<f64>()),
+            Turn::Vertical => {
+                Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * rng.r#gen::<f64>())
+            }
             Turn::Any => uniform_rotation(rng),
         };
         let limit = self.rotation_deg.to_radians();
@@ -185,7 +187,8 @@ mod tests {
             let config = AugmentConfig { turn, ..Default::default() };
             config.apply(&mut cloud, &mut candidates, &mut distance, &mut stream(seed, "a"));
             for (i, j) in [(0, 1), (7, 300), (499, 2)] {
-                let (d, d0) = ((cloud.points[i] - cloud.points[j]).norm(), (before.0.points[i] - before.0.points[j]).norm());
+                let (d, d0) =
+                    ((cloud.points[i] - cloud.points[j]).norm(), (before.0.points[i] - before.0.points[j]).norm());
                 assert!((d - d0).abs() < 1e-12, "{turn:?} must keep distances");
                 let (c, c0) = (cloud.normals[i].dot(&cloud.normals[j]), before.0.normals[i].dot(&before.0.normals[j]));
                 assert!((c - c0).abs() < 1e-12, "{turn:?} must keep angles");

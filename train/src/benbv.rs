@@ -10,7 +10,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use formats::Sample;
 use geometry::rng::stream;
 use model::checkpoint::Checkpoint;
-use model::encode::{Encoded, EncodeConfig, encode, to_input};
+use model::encode::{EncodeConfig, Encoded, encode, to_input};
 use model::{BenbvNet, BenbvNetConfig, NetPlanner, NetPlannerConfig, position_weighted_loss};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};

@@ -3,8 +3,8 @@
 use crate::TrainError;
 use crate::augment::AugmentConfig;
 use crate::schedule::ScheduleConfig;
-use model::encode::{EncodeConfig, Fill, Normalisation};
 use model::BenbvNetConfig;
+use model::encode::{EncodeConfig, Fill, Normalisation};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -252,9 +252,7 @@ impl TrainConfig {
         fn bad(key: &'static str, found: impl ToString, expected: impl Into<String>) -> TrainError {
             TrainError::setting(key, found, expected)
         }
-        self.network
-            .validate()
-            .map_err(|text| bad("network", "sizes as given", text))?;
+        self.network.validate().map_err(|text| bad("network", "sizes as given", text))?;
         let least_one = [
             ("epochs", u64::from(self.epochs)),
             ("batch", self.batch as u64),
@@ -313,7 +311,11 @@ impl TrainConfig {
             return Err(bad("schedule.factor", s.factor, "expected a number in (0, 1]"));
         }
         if !(s.min_rate >= 0.0 && s.threshold >= 0.0) {
-            return Err(bad("schedule.min_rate or schedule.threshold", s.min_rate.min(s.threshold), "expected 0 or more"));
+            return Err(bad(
+                "schedule.min_rate or schedule.threshold",
+                s.min_rate.min(s.threshold),
+                "expected 0 or more",
+            ));
         }
         Ok(())
     }

@@ -10,8 +10,10 @@ use std::path::PathBuf;
 
 /// What to convert, and how.
 #[derive(Args, Debug)]
-#[command(after_help = "Examples: train convert authors.pth weights/published    (PyTorch state dict -> checkpoint)\n          \
-                        train convert runs/train/x/best net.safetensors    (checkpoint -> load_state_dict(strict=True))")]
+#[command(
+    after_help = "Examples: train convert authors.pth weights/published    (PyTorch state dict -> checkpoint)\n          \
+                        train convert runs/train/x/best net.safetensors    (checkpoint -> load_state_dict(strict=True))"
+)]
 pub struct ConvertArgs {
     /// A .pth or .safetensors with PyTorch's names, or a checkpoint directory
     pub input: PathBuf,

@@ -98,7 +98,9 @@ impl Dataset {
         for file in &files {
             let object = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let frames = formats::frame_history::read_frame_history(file)?;
-            objects.push(Source::Frames(frames.into_iter().enumerate().map(|(i, f)| frame_sample(&object, i, f)).collect()));
+            objects.push(Source::Frames(
+                frames.into_iter().enumerate().map(|(i, f)| frame_sample(&object, i, f)).collect(),
+            ));
         }
         let held = held_out(objects.len(), fraction, seed);
         let (mut train, mut validation) = (Vec::new(), Vec::new());

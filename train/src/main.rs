@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use train::data::newest_set;
 use train::config::NetworkKind;
+use train::data::newest_set;
 use train::pc_nbv::{GainSet, PcNbvTask};
 use train::{BenbvTask, Dataset, Outcome, Run, Task, TrainConfig};
 
@@ -163,19 +163,18 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<()> {
     })
     .context("cannot watch for Ctrl-C")?;
     tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));
+    let halt = |_| stop.load(Ordering::SeqCst);
     let run = |data: String| -> anyhow::Result<Run> {
         Ok(Run {
             dir: &dir,
             resume: args.resume,
             quiet: false,
-            stop: &|_| stop.load(Ordering::SeqCst),
+            stop: &halt,
             provenance: provenance(&run_dir, &config, data)?,
         })
     };
     let outcome = match &data {
-        Data::Decisions(data) => {
-            train::train(&BenbvTask::new(&config, data), &config, &run(data.name().to_string())?)
-        }
+        Data::Decisions(data) => train::train(&BenbvTask::new(&config, data), &config, &run(data.name().to_string())?),
         Data::Gains(data) => {
             let task = PcNbvTask::new(&config, data);
             train::train(&task, &config, &run(task.data_name())?)
@@ -204,12 +203,7 @@ fn open_data(config: &mut TrainConfig) -> anyhow::Result<Data> {
         tracing::info!("data: {:?}, the newest complete set under \"runs/data\"", config.data);
     }
     let data = Dataset::open(&config.data, config.validation.fraction, config.seed)?;
-    tracing::info!(
-        "{} training and {} validation samples of {}",
-        data.num_train(),
-        data.num_validation(),
-        data.name()
-    );
+    tracing::info!("{} training and {} validation samples of {}", data.num_train(), data.num_validation(), data.name());
     Ok(Data::Decisions(data))
 }
 

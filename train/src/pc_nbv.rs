@@ -49,14 +49,23 @@ impl GainSet {
         let mut all = GainSet::default();
         for (i, (views, states)) in made.into_iter().enumerate() {
             let states = states.into_iter().map(|s| GainSample { object: i, ..s });
-            if i < training { all.train.extend(states) } else { all.validation.extend(states) }
+            if i < training {
+                all.train.extend(states)
+            } else {
+                all.validation.extend(states)
+            }
             all.objects.push(views);
         }
         all
     }
 }
 
-fn object_states(config: &PcNbvConfig, set: &[View], seed: u64, index: usize) -> Option<(ObjectViews, Vec<GainSample>)> {
+fn object_states(
+    config: &PcNbvConfig,
+    set: &[View],
+    seed: u64,
+    index: usize,
+) -> Option<(ObjectViews, Vec<GainSample>)> {
     let name = format!("pc-nbv/{index}");
     let scene = Scene::new(procedural::mesh(seed, index as u64).normalized(DIAGONAL));
     let surface = sample_surface(scene.mesh(), SURFACE, &mut stream(seed, &format!("{name}/surface")));
@@ -111,10 +120,8 @@ impl<'a> PcNbvTask<'a> {
         } else {
             (0..cloud.len()).chain((cloud.len()..n).map(|_| rng.gen_range(0..cloud.len().max(1)))).collect()
         };
-        let points: Vec<Point3<f64>> = chosen
-            .iter()
-            .map(|&i| cloud.get(i).map_or(Point3::origin(), |p| Point3::from(p.map(f64::from))))
-            .collect();
+        let points: Vec<Point3<f64>> =
+            chosen.iter().map(|&i| cloud.get(i).map_or(Point3::origin(), |p| Point3::from(p.map(f64::from)))).collect();
         batch.points.extend(normalise(&points).iter().flatten());
         batch.used.extend(sample.used.iter().map(|&u| f32::from(u8::from(u))));
         batch.gains.extend(&sample.gains);

@@ -101,9 +101,7 @@ impl Schedule {
         match c.kind {
             ScheduleKind::Constant => self.base_rate,
             ScheduleKind::Plateau => (self.base_rate * self.state.scale).max(floor),
-            ScheduleKind::Step => {
-                (self.base_rate * c.factor.powi((epoch / c.step_epochs.max(1)) as i32)).max(floor)
-            }
+            ScheduleKind::Step => (self.base_rate * c.factor.powi((epoch / c.step_epochs.max(1)) as i32)).max(floor),
             ScheduleKind::Cosine => {
                 let length = self.total_steps.saturating_sub(c.warmup_steps).max(1) as f64;
                 let done = ((step - c.warmup_steps) as f64 / length).min(1.0);
@@ -188,8 +186,7 @@ mod tests {
 
     #[test]
     fn step_decays_by_epoch() {
-        let config =
-            ScheduleConfig { kind: ScheduleKind::Step, factor: 0.7, step_epochs: 20, ..Default::default() };
+        let config = ScheduleConfig { kind: ScheduleKind::Step, factor: 0.7, step_epochs: 20, ..Default::default() };
         let s = Schedule::new(&config, 1e-3, 100);
         assert_eq!(s.rate(7, 19), 1e-3);
         assert!((s.rate(7, 40) - 0.49e-3).abs() < 1e-12);

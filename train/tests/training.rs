@@ -60,7 +60,11 @@ fn a_rule_is_found_on_objects_not_seen() {
     let dir = tmp.path().join("run");
     let outcome = run(&config, tmp.path(), &dir).expect("trained");
     let best = outcome.epochs.iter().rfind(|e| e.best).expect("a best epoch");
-    println!("relative regret {:.3}, rank correlation {:.3}", best.valid.relative_regret(), best.valid.rank_correlation);
+    println!(
+        "relative regret {:.3}, rank correlation {:.3}",
+        best.valid.relative_regret(),
+        best.valid.rank_correlation
+    );
     assert!(best.valid.relative_regret() < 0.35 && best.valid.rank_correlation > 0.6, "{best:?}");
     for file in ["best/model.safetensors", "best/checkpoint.toml", "latest/training.toml", "log.jsonl", "index.html"] {
         assert!(dir.join(file).exists(), "{file} is missing");
@@ -117,13 +121,16 @@ fn bad_samples_are_left_out_and_said() {
     samples[0].cloud.points[3].x = f64::NAN;
     samples[1].scores[2] = f64::NAN;
     samples[2].candidates.clear();
-    for list in [&mut samples[2].scores, &mut samples[2].coverage, &mut samples[2].overlap] {
-        list.clear();
-    }
+    samples[2].scores.clear();
+    samples[2].coverage.clear();
+    samples[2].overlap.clear();
     samples[3].scores = vec![0.5; 8]; // constant: no order, but a target like any other
     samples[4].candidates[0].density = f64::INFINITY;
     let bad_only = vec![samples[0].clone(), samples[1].clone()];
-    write_set(&data, &[("a", Split::Train, samples.clone()), ("b", Split::Validation, vec![samples[3].clone(), samples[1].clone()])]);
+    write_set(
+        &data,
+        &[("a", Split::Train, samples.clone()), ("b", Split::Validation, vec![samples[3].clone(), samples[1].clone()])],
+    );
     let mut config = tiny_config();
     config.epochs = 1;
     config.batch = 6;
@@ -132,7 +139,12 @@ fn bad_samples_are_left_out_and_said() {
     assert_eq!(outcome.epochs[0].valid.decisions, 1, "a validation sample without truth is left out");
     assert!(outcome.epochs[0].train_loss.is_finite());
     let log = std::fs::read_to_string(dir.join("log.jsonl")).expect("a log");
-    for reason in ["a decision 0: point 3 is not finite", "a decision 1: score 2 is NaN", "no candidate view", "a decision 4: candidate 0"] {
+    for reason in [
+        "a decision 0: point 3 is not finite",
+        "a decision 1: score 2 is NaN",
+        "no candidate view",
+        "a decision 4: candidate 0",
+    ] {
         assert!(log.contains(reason), "{reason:?} must be said in\n{log}");
     }
     assert!(!String::from_utf8_lossy(&weights(&dir)).is_empty());
@@ -164,7 +176,11 @@ fn a_loss_that_overflows_changes_nothing() {
     let log = std::fs::read_to_string(dir.join("log.jsonl")).expect("a log");
     let skipped = log.matches("left the weights as they are").count();
     assert_eq!(skipped, 4, "one step an epoch holds the sample:\n{log}");
-    assert!(outcome.epochs.iter().all(|e| e.train_loss.is_finite() && e.valid_loss.is_finite()), "{:?}", outcome.epochs);
+    assert!(
+        outcome.epochs.iter().all(|e| e.train_loss.is_finite() && e.valid_loss.is_finite()),
+        "{:?}",
+        outcome.epochs
+    );
 }
 
 #[test]
@@ -188,7 +204,8 @@ fn the_authors_files_train_as_well() {
     let outcome = run(&tiny_config(), &data, &tmp.path().join("run")).expect("trained");
     assert!(outcome.finished && outcome.epochs[1].valid.decisions == 3);
 
-    let golden = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/golden/h_frame_history_teapot_3scans.bin"));
+    let golden =
+        Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/golden/h_frame_history_teapot_3scans.bin"));
     if golden.exists() {
         let frames = formats::frame_history::read_frame_history(golden).expect("the published file");
         assert_eq!(frames.len(), 3);
@@ -213,7 +230,11 @@ fn unusable_data_is_explained() {
     let mut manifest = formats::Manifest::read(&tmp.path().join("new")).expect("a manifest");
     manifest.objects[0].fate = formats::Fate::Missing;
     manifest.write(&tmp.path().join("new")).expect("written");
-    assert_eq!(train::data::newest_set(tmp.path()).expect("one set"), tmp.path().join("old"), "unfinished: passed over");
+    assert_eq!(
+        train::data::newest_set(tmp.path()).expect("one set"),
+        tmp.path().join("old"),
+        "unfinished: passed over"
+    );
     let text = Dataset::open(&tmp.path().join("new"), 0.2, 1).expect_err("unfinished").to_string();
     assert!(text.contains("1 of 3 objects are not made yet"), "{text}");
 }
