@@ -66,6 +66,12 @@ impl Statistics {
         Statistics(collect.0)
     }
 
+    /// Whether all are finite.
+    pub fn are_finite(&self) -> bool {
+        let sums: Vec<Tensor<1>> = self.0.values().map(|t| t.clone().without_autodiff().sum()).collect();
+        sums.is_empty() || Tensor::cat(sums, 0).into_data().iter::<f64>().all(f64::is_finite)
+    }
+
     /// Puts them back.
     pub fn restore<M: Module>(self, net: M) -> M {
         struct Restore(BTreeMap<ParamId, Tensor<1>>);

@@ -268,9 +268,12 @@ fn train_step<T: Task>(
         gradients = accumulator.grads();
     }
     let gradient_norm = if loss.is_finite() { gradient::norm(&learner.net, &gradients) } else { f64::NAN };
-    if !gradient_norm.is_finite() {
+    // A batch's statistics can overflow where its loss does not.
+    let statistics_hold = Statistics::of(&learner.net).are_finite();
+    if !gradient_norm.is_finite() || !statistics_hold {
         learner.net = statistics.restore(learner.net.clone());
-        return Step::Skipped(format!("loss {loss}, gradient norm {gradient_norm}"));
+        let overflow = if statistics_hold { "" } else { ", its statistics overflow" };
+        return Step::Skipped(format!("loss {loss}, gradient norm {gradient_norm}{overflow}"));
     }
     let limit = config.optimizer.clip_norm;
     if limit > 0.0 && gradient_norm > limit {

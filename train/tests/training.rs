@@ -163,8 +163,8 @@ fn a_loss_that_overflows_changes_nothing() {
     let tmp = tempfile::tempdir().expect("temp dir");
     let data = tmp.path().join("data");
     let mut samples: Vec<_> = (0..8).map(|d| sample("a", d, 8)).collect();
-    // Finite in f64, infinite in the network's f32: the encoder lets it pass under `as_is`.
-    samples[5].cloud.points[0].x = 1e300;
+    // Finite, so the encoder lets it pass under `as_is`; its square is not, in the network's f32.
+    samples[5].cloud.points[0].x = 1e30;
     write_set(&data, &[("a", Split::Train, samples), ("b", Split::Validation, vec![sample("b", 0, 8)])]);
     let mut config = tiny_config();
     config.epochs = 4;
