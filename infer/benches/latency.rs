@@ -1,0 +1,62 @@
+//! From a cloud in memory to the pose, warm: `cargo bench -p infer --bench latency [-- CHECKPOINT_DIR]`.
+//!
+//! The published code takes 0.39 s per decision at about 5,000 points and 0.8 s at 10,000 (recorded, same task).
+#![allow(missing_docs)]
+
+use geometry::{PointCloud, rng};
+use infer::{InferConfig, Network, PlannerName, Scan, Session};
+use nalgebra::{Point3, Vector3};
+use rand::Rng;
+use std::time::Instant;
+
+/// What a camera at +z sees of a bumpy ball of 0.2 m.
+fn cloud(count: usize) -> Vec<Point3<f64>> {
+    let mut rng = rng::stream(1, "bench/cloud");
+    let mut points = Vec::with_capacity(count);
+    while points.len() < count {
+        let v = Vector3::new(rng.gen_range(-1.0..1.0), rng.gen_range(-1.0..1.0), rng.gen_range(0.0..1.0f64));
+        if (0.1..1.0).contains(&v.norm()) {
+            let n = v.normalize();
+            points.push(Point3::from(n * (0.1 + 0.01 * (5.0 * n.x).sin() * (4.0 * n.y).cos())));
+        }
+    }
+    points
+}
+
+fn main() {
+    let weights = std::env::args().skip(1).find(|a| !a.starts_with("--"));
+    let network = weights.map(|directory| {
+        let planner = model::NetPlanner::load(directory.as_ref(), Default::default()).expect("a checkpoint");
+        Network::new(planner)
+    });
+    println!("{:<12} {:>8} {:>12} {:>12}", "planner", "points", "median ms", "worst ms");
+    for planner in [PlannerName::Farthest, PlannerName::BenbvNet] {
+        if planner == PlannerName::BenbvNet && network.is_none() {
+            println!("benbv-net    needs a checkpoint: -- DIR");
+            continue;
+        }
+        for count in [5_000, 10_000, 300_000] {
+            let points = cloud(count);
+            let from = Some(Point3::new(0.0, 0.0, 1.2));
+            let config = InferConfig { planner, ..Default::default() };
+            let mut times: Vec<f64> = (0..9)
+                .map(|_| {
+                    let cloud = PointCloud { points: points.clone(), normals: Vec::new() };
+                    let mut session = Session::new(config.clone(), network.clone()).expect("defaults");
+                    let clock = Instant::now();
+                    session.add_scan(Scan::Cloud { cloud, from }).expect("a scan");
+                    let answer = session.next_view().expect("an answer");
+                    assert!(answer.next.is_some(), "a view");
+                    1000.0 * clock.elapsed().as_secs_f64()
+                })
+                .collect();
+            times.sort_by(f64::total_cmp);
+            println!(
+                "{:<12} {count:>8} {:>12.1} {:>12.1}",
+                planner.as_str(),
+                times[times.len() / 2],
+                times[times.len() - 1]
+            );
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! The answer: ranked candidates with poses, reasons and warnings, for people and for machines.
+
+use crate::choose::Evidence;
+use crate::constraints::{Exclusion, Objection};
+use crate::pose::Pose;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+
+/// A candidate view. World frame, metres.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// 0 is the best of those allowed; those ruled out follow.
+    pub rank: usize,
+    /// The planner's score less the cost of travel; larger is better.
+    pub score: f64,
+    /// The planner's own score.
+    pub planner_score: f64,
+    /// What the camera looks at.
+    pub target_m: [f64; 3],
+    /// Where the camera stands.
+    pub position_m: [f64; 3],
+    /// Distance from target to camera.
+    pub working_distance_m: f64,
+    /// The camera's pose.
+    pub world_from_camera: Pose,
+    /// Expected new surface as a share of the whole, where it can be predicted.
+    pub expected_gain: Option<f64>,
+    /// Expected share of the scan that is seen already, where it can be predicted.
+    pub expected_overlap: Option<f64>,
+    /// Why it must not be taken; empty if it may.
+    pub objections: Vec<Objection>,
+}
+
+/// Whether another view is worth it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stop {
+    /// Share of the whole surface that the next view is expected to add.
+    pub expected_gain: f64,
+    /// Where that number comes from.
+    pub basis: String,
+    /// Whether it is under `stop_below`, or no view is left.
+    pub stop: bool,
+}
+
+/// What was planned on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CloudSummary {
+    /// Scans.
+    pub scans: usize,
+    /// Points that were given.
+    pub points_read: usize,
+    /// Points planned on, after cleaning, merging and thinning.
+    pub points_used: usize,
+    /// Mean distance of neighbouring points.
+    pub spacing_m: f64,
+    /// Bounding box, smallest and largest corner.
+    pub bounding_box_m: [[f64; 3]; 2],
+    /// Boundary points: where the measured surface ends.
+    pub boundary_points: usize,
+}
+
+/// The next view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// The view to take; `None` where none is left.
+    pub next: Option<Candidate>,
+    /// Whether it is worth taking.
+    pub stop: Stop,
+    /// Which planner decided.
+    pub planner: String,
+    /// Why that one.
+    pub planner_reason: String,
+    /// What was known of the scans.
+    pub evidence: Evidence,
+    /// What was planned on.
+    pub cloud: CloudSummary,
+    /// All candidates, best first, those ruled out last.
+    pub candidates: Vec<Candidate>,
+    /// How many candidates each constraint rules out.
+    pub excluded: Vec<Exclusion>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Answer {
+    /// For a terminal.
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        let mut line = |content: String| {
+            text.push_str(&content);
+            text.push('\n');
+        };
+        let cloud = &self.cloud;
+        let spacing = length(cloud.spacing_m);
+        line(format!(
+            "{} of {} points from {} scan{}, {spacing} apart, {} at the boundary",
+            cloud.points_used,
+            cloud.points_read,
+            cloud.scans,
+            if cloud.scans == 1 { "" } else { "s" },
+            cloud.boundary_points
+        ));
+        line(format!("planner {}: {}", self.planner, self.planner_reason));
+        for warning in &self.warnings {
+            line(format!("warning: {warning}"));
+        }
+        match &self.next {
+            Some(next) => describe_next(next, &self.stop, &mut line),
+            None => line(format!("no next view: {}", self.no_view_reason())),
+        }
+        let allowed = self.candidates.iter().filter(|c| c.objections.is_empty());
+        for candidate in allowed.skip(1).take(4) {
+            line(format!(
+                "  then {}: score {:.3}, camera {}",
+                candidate.rank,
+                candidate.score,
+                triple(&candidate.position_m)
+            ));
+        }
+        if self.next.is_some() && !self.excluded.is_empty() {
+            line(format!("ruled out: {}", self.describe_exclusions()));
+        }
+        text
+    }
+
+    /// Why there is no next view.
+    pub fn no_view_reason(&self) -> String {
+        if self.candidates.is_empty() {
+            return "the measured surface has no boundary to look beyond: it looks complete".to_owned();
+        }
+        format!("all {} candidates are ruled out: {}", self.candidates.len(), self.describe_exclusions())
+    }
+
+    fn describe_exclusions(&self) -> String {
+        let parts: Vec<String> = self
+            .excluded
+            .iter()
+            .map(|e| {
+                let alone = if e.alone > 0 { format!(" ({} of them it alone)", e.alone) } else { String::new() };
+                format!("{} excludes {}{alone}", e.constraint.setting(), e.candidates)
+            })
+            .collect();
+        parts.join("; ")
+    }
+}
+
+fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
+    line(format!("next view: score {:.3}", next.score));
+    line(format!("  target  {}", triple(&next.target_m)));
+    line(format!("  camera  {}   ({} from the target)", triple(&next.position_m), length(next.working_distance_m)));
+    line("  world_from_camera (+X right, +Y down, +Z forward; metres)".to_owned());
+    for row in &next.world_from_camera.matrix {
+        line(format!("    [{:10.6} {:10.6} {:10.6} {:10.6}]", row[0], row[1], row[2], row[3]));
+    }
+    let [x, y, z, w] = next.world_from_camera.quaternion_xyzw;
+    line(format!("  quaternion x {x:.6} y {y:.6} z {z:.6} w {w:.6}"));
+    let mut benefit = String::new();
+    let _ = write!(benefit, "  expected gain {:.1} % of the surface ({})", 100.0 * stop.expected_gain, stop.basis);
+    if let Some(overlap) = next.expected_overlap {
+        let _ = write!(benefit, ", overlap {:.0} %", 100.0 * overlap);
+    }
+    line(benefit);
+    if stop.stop {
+        line("  not worth it: the expected gain is below --stop-below".to_owned());
+    }
+}
+
+fn triple(p: &[f64; 3]) -> String {
+    format!("{:.4} {:.4} {:.4}", p[0], p[1], p[2])
+}
+
+/// A length in the unit that a person reads most easily.
+pub fn length(metres: f64) -> String {
+    match metres.abs() {
+        m if m >= 1.0 => format!("{metres:.2} m"),
+        m if m >= 0.01 => format!("{:.1} cm", metres * 100.0),
+        _ => format!("{:.2} mm", metres * 1000.0),
+    }
+}

@@ -1,0 +1,174 @@
+//! The command line of `infer`.
+
+use crate::request::Unit;
+use clap::Parser;
+use geometry::Misses;
+use infer::PlannerName;
+use std::ffi::OsString;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  infer --scan samples/scan1.ply --from 0.8,0.2,0.9
+  infer --scan a.ply b.ply --distance 0.6 --report next.html
+  infer --depth d.png --intrinsics 514.1,514.1,640,360 --pose pose.json --json
+  infer --object procedural:3 --views 10 --report loop.html
+  infer --serve --http 127.0.0.1:8350
+  infer --scan a.ply --from 0,0,1 --set constraints.floor_height_m=0.05 --set constraints.max_travel_m=0.8
+
+Every setting: configs/infer.toml. For robots: docs/robots.md.";
+
+/// The next best view for a 3D scan, as a pose that a robot can use.
+#[derive(Debug, Parser)]
+#[command(name = "infer", version, after_help = EXAMPLES)]
+pub struct Args {
+    /// Clouds (PLY, PCD, XYZ, NPY), oldest first; all in one world frame.
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    pub scan: Vec<PathBuf>,
+    /// Camera position of each scan, x,y,z in the unit of the clouds, in the same order.
+    #[arg(long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>)]
+    pub from: Vec<[f64; 3]>,
+    /// Depth images (16-bit PNG in millimetres, NPY in metres), oldest first, added after the clouds.
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    pub depth: Vec<PathBuf>,
+    /// Intrinsics of the depth images, fx,fy,cx,cy in pixels; not needed where the pose file has them.
+    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>)]
+    pub intrinsics: Option<[f64; 4]>,
+    /// Pose of each depth image: a JSON file with world_from_camera, or tx,ty,tz,qx,qy,qz,qw in metres.
+    #[arg(long, num_args = 1.., value_name = "FILE|NUMBERS")]
+    pub pose: Vec<String>,
+    /// Metres per unit of the depth images, if not the usual.
+    #[arg(long, value_name = "METRES")]
+    pub depth_unit: Option<f64>,
+    /// What pixels without a return mean: unknown, or free (nothing there).
+    #[arg(long, value_name = "MEANING", value_parser = misses)]
+    pub misses: Option<Misses>,
+    /// Unit of the clouds and of --from.
+    #[arg(long, value_enum, default_value = "m")]
+    pub unit: Unit,
+    /// Distance from target to camera in metres, or a range to choose from: MIN..MAX.
+    #[arg(long, value_name = "METRES")]
+    pub distance: Option<String>,
+    /// Which planner: auto, volumetric, benbv-net, farthest.
+    #[arg(long, value_name = "NAME", value_parser = planner)]
+    pub planner: Option<PlannerName>,
+    /// Directory of a checkpoint for benbv-net.
+    #[arg(long, value_name = "DIR")]
+    pub weights: Option<PathBuf>,
+    /// Stop when the next view is expected to add less than this share of the surface, such as 0.01.
+    #[arg(long, value_name = "SHARE")]
+    pub stop_below: Option<f64>,
+    /// Answer as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Write the cloud and the candidates as frustums to this PLY.
+    #[arg(long, value_name = "FILE")]
+    pub ply: Option<PathBuf>,
+    /// Write a page to turn with the mouse: cloud, boundary, candidates, next view.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Scan this mesh in the simulator until --views: a file, or procedural:SEED.
+    #[arg(long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve"])]
+    pub object: Option<String>,
+    /// Next views in the closed loop (--object).
+    #[arg(long, default_value_t = 15, value_name = "COUNT")]
+    pub views: usize,
+    /// Write the first scans of --object (two clouds, a depth image, their poses) into this directory.
+    #[arg(long, value_name = "DIR", requires = "object")]
+    pub export_scans: Option<PathBuf>,
+    /// Answer requests: JSON lines over stdin and stdout, or HTTP with --http.
+    #[arg(long, conflicts_with_all = ["scan", "depth", "report", "ply"])]
+    pub serve: bool,
+    /// Loopback address for --serve, such as 127.0.0.1:8350; port 0 takes a free one and prints it.
+    #[arg(long, value_name = "ADDRESS", requires = "serve")]
+    pub http: Option<SocketAddr>,
+    /// Settings (TOML), laid over the defaults.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// A setting, laid over the file; the value is TOML.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Seed of the random streams.
+    #[arg(long, value_name = "NUMBER")]
+    pub seed: Option<u64>,
+    /// Threads; 0 takes all cores.
+    #[arg(long, default_value_t = 0, value_name = "COUNT")]
+    pub jobs: usize,
+    /// Say more (-v, -vv).
+    #[arg(short, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+}
+
+impl Args {
+    /// Parses a command line. Numbers with commas that begin with a minus are values, not flags.
+    pub fn from_command_line(words: impl Iterator<Item = OsString>) -> Result<Self, clap::Error> {
+        let is_number = |word: &str| word.starts_with('-') && word.contains(',') && !word.starts_with("--");
+        Self::try_parse_from(words.map(|word| match word.to_str() {
+            // A space in front keeps the parser from taking the minus for a flag; it is trimmed later.
+            Some(text) if is_number(text) => OsString::from(format!(" {text}")),
+            _ => word,
+        }))
+    }
+}
+
+/// N numbers with commas between.
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let values: Vec<f64> = text
+        .split(',')
+        .map(|part| part.trim().parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| part.trim().to_owned()))
+        .collect::<Result<_, _>>()
+        .map_err(|part| format!("{part:?} is not a number"))?;
+    let found = values.len();
+    values.try_into().map_err(|_| format!("{found} numbers, expected {N} with commas between and no spaces"))
+}
+
+fn planner(text: &str) -> Result<PlannerName, String> {
+    use PlannerName as P;
+    let known = [P::Auto, P::Volumetric, P::BenbvNet, P::Farthest];
+    let names = known.map(PlannerName::as_str).join(", ");
+    known.into_iter().find(|p| p.as_str() == text).ok_or_else(|| format!("unknown; there are {names}"))
+}
+
+fn misses(text: &str) -> Result<Misses, String> {
+    match text {
+        "free" => Ok(Misses::Free),
+        "unknown" => Ok(Misses::Unknown),
+        _ => Err("expected free or unknown".to_owned()),
+    }
+}
+
+/// `0.8`, or `0.6..1.2`.
+pub fn distances(text: &str) -> Result<(f64, f64), String> {
+    let number =
+        |part: &str| part.trim().parse::<f64>().map_err(|_| format!("--distance {text}: expected METRES or MIN..MAX"));
+    match text.split_once("..") {
+        None => number(text).map(|d| (d, d)),
+        Some((low, high)) => Ok((number(low)?, number(high)?)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Args::command().debug_assert();
+        let words = "infer --scan a b --from -1,0,2 0,-1,0 --json --depth d --pose -1,0,0,0,0,0,1 --misses free";
+        let args = Args::from_command_line(words.split(' ').map(OsString::from)).expect("negative numbers are values");
+        assert_eq!((args.scan.len(), &args.from[..]), (2, &[[-1., 0., 2.], [0., -1., 0.]][..]), "as given");
+        assert!(args.json && args.pose.len() == 1 && args.misses == Some(Misses::Free), "flags stay flags");
+    }
+
+    #[test]
+    fn numbers_are_refused_with_the_reason() {
+        assert_eq!(numbers::<3>("1, 2,-3e-1"), Ok([1.0, 2.0, -0.3]), "spaces are harmless");
+        assert!(numbers::<3>("1,2").expect_err("two").contains("2 numbers, expected 3"), "count");
+        assert!(numbers::<3>("1,x,3").expect_err("x").contains("\"x\""), "which");
+        assert!(numbers::<3>("1,nan,3").is_err() && numbers::<3>("1,inf,3").is_err(), "finite only");
+        assert_eq!(distances("0.6..1.2"), Ok((0.6, 1.2)), "a range");
+        assert!(distances("near").is_err(), "no number");
+    }
+}

@@ -1,0 +1,194 @@
+//! Which planner the evidence allows, and why.
+
+use crate::config::PlannerName;
+use crate::farthest::FarthestPlanner;
+use geometry::{Angles, CandidateConfig, Misses, Planner, RankedView, ScanState, Seen};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What is known of the past scans, best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Evidence {
+    /// Depth images whose misses mean free space.
+    DepthWithBackground,
+    /// Depth images whose misses mean nothing.
+    Depth,
+    /// Clouds with camera positions: free space along the rays to the points.
+    CameraPositions,
+    /// At least one scan whose camera is unknown.
+    Clouds,
+}
+
+impl Evidence {
+    /// What all the scans of a state have.
+    pub fn of(state: &ScanState) -> Self {
+        if state.scans.is_empty() || state.scans.len() < state.num_scans {
+            return Self::Clouds;
+        }
+        let each = state.scans.iter().map(|scan| match &scan.seen {
+            Seen::Depth { misses: Misses::Free, .. } => Self::DepthWithBackground,
+            Seen::Depth { .. } => Self::Depth,
+            Seen::Points(_) => Self::CameraPositions,
+        });
+        each.max().unwrap_or(Self::Clouds)
+    }
+
+    /// For people.
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::DepthWithBackground => "depth images with poses, whose misses are free space",
+            Self::Depth => "depth images with poses",
+            Self::CameraPositions => "clouds with camera positions",
+            Self::Clouds => "clouds without a camera position for each",
+        }
+    }
+}
+
+/// A network as a planner, shared by sessions; no type of the network's library shows.
+#[derive(Clone)]
+pub struct Network {
+    planner: Arc<Mutex<Box<dyn Planner + Send>>>,
+}
+
+impl Network {
+    /// Shares a network planner, such as `model::NetPlanner`.
+    pub fn new(planner: impl Planner + Send + 'static) -> Self {
+        Self { planner: Arc::new(Mutex::new(Box::new(planner))) }
+    }
+
+    fn rank(&self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        // A planner that panicked once has no state to be wrong about: the next decision starts afresh.
+        self.planner.lock().unwrap_or_else(PoisonError::into_inner).rank_views(state, rng)
+    }
+}
+
+impl std::fmt::Debug for Network {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Network")
+    }
+}
+
+/// The planner chosen and the reason.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// Never `Auto`.
+    pub planner: PlannerName,
+    /// A sentence for the answer.
+    pub why: String,
+}
+
+/// The planner asked for, or for `auto` the best that the evidence allows.
+///
+/// # Errors
+/// Where the planner asked for cannot work: what it lacks and the way out.
+pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Result<Choice, ChooseError> {
+    let has = evidence.describe();
+    let choice = |planner, why: String| Ok(Choice { planner, why });
+    match asked {
+        PlannerName::Volumetric => Err(ChooseError::NoVolumetric),
+        PlannerName::BenbvNet if !has_network => Err(ChooseError::NoWeights),
+        // Past directions alone beat the network (planner, section 1: efficiency 21.5 against 10.6).
+        PlannerName::Auto if evidence != Evidence::Clouds => choice(
+            PlannerName::Farthest,
+            format!("there are {has}, so the direction farthest from all cameras is known"),
+        ),
+        PlannerName::Auto if has_network => choice(
+            PlannerName::BenbvNet,
+            format!("there are {has}, so the past directions are not known and the network ranks"),
+        ),
+        PlannerName::Auto => choice(
+            PlannerName::Farthest,
+            format!(
+                "there are {has} and no weights are loaded (--weights DIR), so the normals stand for the past cameras"
+            ),
+        ),
+        asked => choice(asked, format!("asked for (there are {has})")),
+    }
+}
+
+/// Why the planner asked for cannot be had.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ChooseError {
+    /// `volumetric` is not part of this build.
+    #[error("planner volumetric is not in this version; use --planner auto, benbv-net or farthest")]
+    NoVolumetric,
+    /// `benbv-net` without weights.
+    #[error("planner benbv-net needs weights: give --weights DIR with a checkpoint; or use --planner auto")]
+    NoWeights,
+}
+
+/// The planners of one session.
+#[derive(Clone, Debug)]
+pub(crate) struct Planners {
+    pub network: Option<Network>,
+    farthest: FarthestPlanner,
+}
+
+impl Planners {
+    pub fn new(network: Option<Network>) -> Self {
+        let candidates = CandidateConfig { angles: Angles::All, ..Default::default() };
+        Self { network, farthest: FarthestPlanner { candidates } }
+    }
+
+    /// Forget what was remembered of the object.
+    pub fn reset(&mut self) {
+        self.farthest.reset();
+    }
+
+    pub fn rank(&mut self, planner: PlannerName, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        match planner {
+            PlannerName::BenbvNet => self.network.as_ref().map_or_else(Vec::new, |network| network.rank(state, rng)),
+            PlannerName::Farthest | PlannerName::Auto | PlannerName::Volumetric => self.farthest.rank_views(state, rng),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::PastScan;
+
+    fn state(seen: Vec<Seen>, num_scans: usize) -> ScanState {
+        let scans = seen.into_iter().map(|seen| PastScan { world_from_camera: Default::default(), seen }).collect();
+        ScanState { scans, num_scans, ..Default::default() }
+    }
+
+    fn depth(misses: Misses) -> Seen {
+        Seen::Depth { camera: Default::default(), depth: Default::default(), misses }
+    }
+
+    #[test]
+    fn the_weakest_scan_decides() {
+        let free = || depth(Misses::Free);
+        assert_eq!(Evidence::of(&state(vec![free(), free()], 2)), Evidence::DepthWithBackground, "all carve");
+        assert_eq!(Evidence::of(&state(vec![free(), depth(Misses::Unknown)], 2)), Evidence::Depth, "one is unsure");
+        assert_eq!(Evidence::of(&state(vec![Seen::Points(vec![]), free()], 2)), Evidence::CameraPositions, "points");
+        assert_eq!(Evidence::of(&state(vec![free()], 2)), Evidence::Clouds, "one camera is unknown");
+        assert_eq!(Evidence::of(&state(vec![], 1)), Evidence::Clouds, "no camera is known");
+    }
+
+    #[test]
+    fn auto_takes_the_best_and_says_why() {
+        let auto = |evidence, network| choose(PlannerName::Auto, evidence, network).expect("auto always finds one");
+        for evidence in [Evidence::DepthWithBackground, Evidence::Depth, Evidence::CameraPositions] {
+            for network in [false, true] {
+                assert_eq!(auto(evidence, network).planner, PlannerName::Farthest, "{evidence:?}");
+            }
+        }
+        assert_eq!(auto(Evidence::Clouds, true).planner, PlannerName::BenbvNet, "clouds alone: the network");
+        let fallback = auto(Evidence::Clouds, false);
+        assert_eq!(fallback.planner, PlannerName::Farthest, "no weights: directions");
+        assert!(fallback.why.contains("no weights"), "{}", fallback.why);
+    }
+
+    #[test]
+    fn what_cannot_work_is_refused_with_the_way_out() {
+        let refused = |asked, evidence, network| choose(asked, evidence, network).expect_err("must refuse").to_string();
+        assert!(refused(PlannerName::Volumetric, Evidence::Clouds, true).contains("--planner auto"));
+        assert!(refused(PlannerName::BenbvNet, Evidence::Depth, false).contains("--weights"));
+        let choice = choose(PlannerName::Farthest, Evidence::Depth, true).expect("farthest always works");
+        assert_eq!(choice.planner, PlannerName::Farthest, "what is asked for is taken");
+    }
+}

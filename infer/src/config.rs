@@ -1,0 +1,239 @@
+//! Settings of `infer`; `configs/infer.toml` shows each at its default with unit and source.
+
+use crate::constraints::{Box3, ConstraintsConfig};
+use crate::pose::PoseConfig;
+use geometry::{Misses, PinholeCamera};
+use serde::{Deserialize, Serialize};
+
+/// Everything that decides an answer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InferConfig {
+    /// Seed of the named random streams.
+    pub seed: u64,
+    /// Which planner: `auto`, `volumetric`, `benbv-net` or `farthest`.
+    pub planner: PlannerName,
+    /// Distance from target to camera in metres (method, 'Setting': 1.2).
+    pub working_distance_m: f64,
+    /// Working distances to choose from, smallest and largest, in metres; replaces `working_distance_m`.
+    pub working_distance_range_m: Option<[f64; 2]>,
+    /// How many distances of the range are tried, both ends included.
+    pub working_distance_steps: usize,
+    /// Distance under which two points are the same surface, metres (method: 0.002).
+    pub tolerance_m: f64,
+    /// Only points in this box (smallest and largest corner, metres) are the object; all without it.
+    pub region_m: Option<Box3>,
+    /// Larger clouds are thinned to about this many points.
+    pub max_points: usize,
+    /// Points farther from their neighbours than this many times the usual are dropped; 0 keeps all.
+    pub outlier_factor: f64,
+    /// Stop when the best view is expected to add less than this share of the whole surface; 0 never stops.
+    pub stop_below: f64,
+    /// The camera that takes the next scan.
+    pub camera: CameraConfig,
+    /// What pixels without a return mean in depth images.
+    pub misses: Misses,
+    /// Roll of the answered pose.
+    pub pose: PoseConfig,
+    /// What the cell allows; everything is off by default.
+    pub constraints: ConstraintsConfig,
+}
+
+impl Default for InferConfig {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            planner: PlannerName::Auto,
+            working_distance_m: 1.2,
+            working_distance_range_m: None,
+            working_distance_steps: 3,
+            tolerance_m: 0.002,
+            region_m: None,
+            max_points: 10_000,
+            outlier_factor: 6.0,
+            stop_below: 0.0,
+            camera: CameraConfig::default(),
+            misses: Misses::Unknown,
+            pose: PoseConfig::default(),
+            constraints: ConstraintsConfig::default(),
+        }
+    }
+}
+
+impl InferConfig {
+    /// Refuses values that no answer can be made with.
+    ///
+    /// # Errors
+    /// The first key out of range, with what it must be.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let positive = |key: &'static str, value: f64| match value.is_finite() && value > 0.0 {
+            true => Ok(()),
+            false => Err(ConfigError { key, found: value.to_string(), expected: "a positive number" }),
+        };
+        positive("working_distance_m", self.working_distance_m)?;
+        positive("tolerance_m", self.tolerance_m)?;
+        if let Some([low, high]) = self.working_distance_range_m {
+            positive("working_distance_range_m", low)?;
+            if !(high.is_finite() && high >= low) {
+                let found = format!("[{low}, {high}]");
+                return Err(ConfigError { key: "working_distance_range_m", found, expected: "[smallest, largest]" });
+            }
+        }
+        if !(1..=20).contains(&self.working_distance_steps) {
+            let found = self.working_distance_steps.to_string();
+            return Err(ConfigError { key: "working_distance_steps", found, expected: "1 to 20" });
+        }
+        if !(100..=200_000).contains(&self.max_points) {
+            let found = self.max_points.to_string();
+            return Err(ConfigError { key: "max_points", found, expected: "100 to 200,000" });
+        }
+        if let Some([low, high]) = self.region_m.filter(|[low, high]| !(0..3).all(|i| low[i] < high[i])) {
+            let found = format!("[{low:?}, {high:?}]");
+            return Err(ConfigError { key: "region_m", found, expected: "[[smallest x, y, z], [largest x, y, z]]" });
+        }
+        for (key, value) in [("outlier_factor", self.outlier_factor), ("stop_below", self.stop_below)] {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(ConfigError { key, found: value.to_string(), expected: "zero or a positive number" });
+            }
+        }
+        self.camera.check()?;
+        self.constraints.check()
+    }
+
+    /// Distances to plan at: one, or evenly spaced over the range.
+    pub fn working_distances(&self) -> Vec<f64> {
+        match self.working_distance_range_m {
+            None => vec![self.working_distance_m],
+            Some([low, high]) if low == high || self.working_distance_steps == 1 => vec![0.5 * (low + high)],
+            Some([low, high]) => {
+                let last = self.working_distance_steps - 1;
+                (0..=last).map(|i| low + (high - low) * i as f64 / last as f64).collect()
+            }
+        }
+    }
+}
+
+/// A setting out of range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{key} = {found}: expected {expected}")]
+pub struct ConfigError {
+    /// The key, as written in the file.
+    pub key: &'static str,
+    /// What was found.
+    pub found: String,
+    /// What is allowed.
+    pub expected: &'static str,
+}
+
+/// A planner's name on the command line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlannerName {
+    /// The best that the evidence allows.
+    #[default]
+    Auto,
+    /// Free space carved by past depth images, and the surface expected behind it.
+    Volumetric,
+    /// The paper's network.
+    BenbvNet,
+    /// The boundary candidate seen from the direction farthest from all past cameras.
+    Farthest,
+}
+
+impl PlannerName {
+    /// The name as the user writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Volumetric => "volumetric",
+            Self::BenbvNet => "benbv-net",
+            Self::Farthest => "farthest",
+        }
+    }
+}
+
+/// The next scan's camera: image size and vertical field of view, or exact intrinsics.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraConfig {
+    /// Image width in pixels.
+    pub width: u32,
+    /// Image height in pixels.
+    pub height: u32,
+    /// Vertical field of view in degrees.
+    pub fov_y_deg: f64,
+    /// fx, fy, cx, cy in pixels; replaces the field of view.
+    pub intrinsics: Option<[f64; 4]>,
+}
+
+impl Default for CameraConfig {
+    fn default() -> Self {
+        Self { width: 1280, height: 720, fov_y_deg: 70.0, intrinsics: None }
+    }
+}
+
+impl CameraConfig {
+    /// The camera.
+    pub fn camera(&self) -> PinholeCamera {
+        match self.intrinsics {
+            Some([fx, fy, cx, cy]) => PinholeCamera { width: self.width, height: self.height, fx, fy, cx, cy },
+            None => PinholeCamera::from_fov_y(self.width, self.height, self.fov_y_deg.to_radians()),
+        }
+    }
+
+    fn check(&self) -> Result<(), ConfigError> {
+        if !(1..=16_384).contains(&self.width) || !(1..=16_384).contains(&self.height) {
+            let found = format!("{} x {}", self.width, self.height);
+            return Err(ConfigError { key: "camera.width, camera.height", found, expected: "1 to 16,384 pixels" });
+        }
+        if !(self.fov_y_deg > 0.0 && self.fov_y_deg < 180.0) {
+            let found = self.fov_y_deg.to_string();
+            return Err(ConfigError { key: "camera.fov_y_deg", found, expected: "between 0 and 180" });
+        }
+        match self.intrinsics {
+            Some([fx, fy, cx, cy])
+                if !(fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|x: &f64| x.is_finite())) =>
+            {
+                let found = format!("[{fx}, {fy}, {cx}, {cy}]");
+                Err(ConfigError { key: "camera.intrinsics", found, expected: "fx, fy, cx, cy with fx and fy positive" })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_file_equals_the_defaults() {
+        let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/infer.toml"))
+            .expect("configs/infer.toml is part of the repository");
+        let shipped: InferConfig = toml::from_str(&text).expect("configs/infer.toml parses");
+        assert_eq!(shipped, InferConfig::default(), "configs/infer.toml must show the code's defaults");
+        assert_eq!(shipped.check(), Ok(()), "the defaults must be usable");
+    }
+
+    #[test]
+    fn values_out_of_range_are_named() {
+        let wrong = |set: fn(&mut InferConfig)| {
+            let mut config = InferConfig::default();
+            set(&mut config);
+            config.check().expect_err("out of range").key
+        };
+        assert_eq!(wrong(|c| c.working_distance_m = 0.0), "working_distance_m", "zero distance");
+        assert_eq!(wrong(|c| c.tolerance_m = f64::NAN), "tolerance_m", "NaN");
+        assert_eq!(wrong(|c| c.working_distance_range_m = Some([1.0, 0.5])), "working_distance_range_m", "reversed");
+        assert_eq!(wrong(|c| c.max_points = 3), "max_points", "too few points");
+        assert_eq!(wrong(|c| c.camera.fov_y_deg = 180.0), "camera.fov_y_deg", "half space");
+        assert_eq!(wrong(|c| c.constraints.up = [0.0; 3]), "constraints.up", "no direction");
+    }
+
+    #[test]
+    fn distances_span_the_range() {
+        let config = InferConfig { working_distance_range_m: Some([0.6, 1.2]), ..Default::default() };
+        assert_eq!(config.working_distances(), vec![0.6, 0.6 + 0.6 / 2.0, 1.2], "ends included");
+        assert_eq!(InferConfig::default().working_distances(), vec![1.2], "one distance by default");
+    }
+}

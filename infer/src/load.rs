@@ -1,0 +1,237 @@
+//! From files to scans, and back: everything of the program that touches bytes goes through `formats`.
+
+use crate::request::{Unit, rigid_from};
+use anyhow::{Context, Result, bail};
+use formats::cloud::{CloudFile, Grid, parse_cloud, read_cloud};
+use formats::depth::{parse_depth, read_depth};
+use geometry::{DepthImage, Misses, PinholeCamera};
+use infer::Scan;
+use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector2};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Metres per step of a 16-bit depth image, where nothing else is said.
+pub const DEPTH_UNIT: f64 = 0.001;
+
+/// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera.
+pub fn cloud(path: &Path, unit: Unit) -> Result<Scan> {
+    Ok(from_cloud_file(read_cloud(path)?, unit))
+}
+
+/// [`cloud`] from bytes; the name's ending tells the format.
+pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Unit) -> Result<Scan> {
+    Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit))
+}
+
+fn from_cloud_file(mut file: CloudFile, unit: Unit) -> Scan {
+    let metres = unit.metres();
+    if metres != 1.0 {
+        file.cloud.points.iter_mut().for_each(|p| p.coords *= metres);
+        if let Some(viewpoint) = &mut file.viewpoint {
+            viewpoint.translation.vector *= metres;
+        }
+    }
+    let poses = file.viewpoint.into_iter().chain([Isometry3::identity()]);
+    if let Some(grid) = &file.grid {
+        for pose in poses {
+            if let Some((camera, depth)) = depth_of_organised(&file.cloud.points, grid, &pose) {
+                // Sensors that write organised clouds leave out what they failed on, too.
+                return Scan::Depth { camera, depth, world_from_camera: pose, misses: Misses::Unknown };
+            }
+        }
+    }
+    let from = file.viewpoint.map(|pose| Point3::from(pose.translation.vector));
+    Scan::Cloud { cloud: file.cloud, from }
+}
+
+/// The pinhole camera that maps every point of an organised cloud onto its pixel, seen from `world_from_camera`, and
+/// the depth image; `None` where no such camera does within a pixel (a scanner with another geometry, or another
+/// frame).
+fn depth_of_organised(
+    points: &[Point3<f64>],
+    grid: &Grid,
+    world_from_camera: &Isometry3<f64>,
+) -> Option<(PinholeCamera, DepthImage)> {
+    if points.len() < 100 || grid.width < 2 || grid.height < 2 {
+        return None;
+    }
+    let camera_from_world = world_from_camera.inverse();
+    let local: Vec<Point3<f64>> = points.iter().map(|p| camera_from_world * p).collect();
+    if local.iter().any(|p| p.z <= 0.0) {
+        return None;
+    }
+    let pixel = |i: usize| (grid.pixels[i] as usize % grid.width, grid.pixels[i] as usize / grid.width);
+    let columns = (0..local.len()).map(|i| Vector2::new(local[i].x / local[i].z, pixel(i).0 as f64));
+    let rows = (0..local.len()).map(|i| Vector2::new(local[i].y / local[i].z, pixel(i).1 as f64));
+    let (fx, cx) = line_through(columns)?;
+    let (fy, cy) = line_through(rows)?;
+    let camera = PinholeCamera { width: grid.width as u32, height: grid.height as u32, fx, fy, cx, cy };
+    let mut depth = vec![0.0; grid.width * grid.height];
+    for (i, p) in local.iter().enumerate() {
+        let (column, row) = pixel(i);
+        let projected = camera.project(p);
+        if (projected.x - column as f64).abs() > 1.0 || (projected.y - row as f64).abs() > 1.0 {
+            return None;
+        }
+        depth[grid.pixels[i] as usize] = p.z as f32;
+    }
+    Some((camera, DepthImage { origin: [0, 0], size: [camera.width, camera.height], depth }))
+}
+
+/// Slope and intercept of y over x by least squares; `None` unless the slope is a positive number.
+fn line_through(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<(f64, f64)> {
+    let count = points.clone().count() as f64;
+    let mean = points.clone().sum::<Vector2<f64>>() / count;
+    let (xx, xy) = points.fold((0.0, 0.0), |(xx, xy), p| {
+        let d = p - mean;
+        (xx + d.x * d.x, xy + d.x * d.y)
+    });
+    let slope = xy / xx;
+    (slope.is_finite() && slope > 0.0).then(|| (slope, mean.y - slope * mean.x))
+}
+
+/// A 16-bit PNG.
+pub fn depth_png(bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthImage> {
+    Ok(parse_depth("depth.png".as_ref(), bytes, metres_per_unit.unwrap_or(DEPTH_UNIT))?)
+}
+
+/// An NPY image; `metres_per_unit` counts for integers.
+pub fn depth_npy(bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthImage> {
+    Ok(parse_depth("depth.npy".as_ref(), bytes, metres_per_unit.unwrap_or(DEPTH_UNIT))?)
+}
+
+/// A pose file: the pose of a depth image, and its intrinsics if they are not given otherwise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseFile {
+    /// 4 x 4, row by row, metres.
+    pub world_from_camera: [[f64; 4]; 4],
+    /// fx, fy, cx, cy in pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub intrinsics: Option<[f64; 4]>,
+}
+
+/// A depth image from a file, with its pose as given on the command line.
+pub fn depth(
+    path: &Path,
+    metres_per_unit: Option<f64>,
+    pose: &str,
+    intrinsics: Option<[f64; 4]>,
+    misses: Misses,
+) -> Result<Scan> {
+    let (world_from_camera, known) = read_pose(pose)?;
+    let Some([fx, fy, cx, cy]) = intrinsics.or(known) else {
+        bail!(
+            "{}: the camera is unknown: give --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file",
+            path.display()
+        );
+    };
+    if !(fx > 0.0 && fy > 0.0) {
+        bail!("--intrinsics: fx and fy must be positive, found {fx} and {fy}");
+    }
+    let depth = read_depth(path, metres_per_unit.unwrap_or(DEPTH_UNIT))?;
+    let camera = PinholeCamera { width: depth.size[0], height: depth.size[1], fx, fy, cx, cy };
+    Ok(Scan::Depth { camera, depth, world_from_camera, misses })
+}
+
+/// A pose file's path, or tx,ty,tz,qx,qy,qz,qw.
+fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
+    if let Ok([x, y, z, qx, qy, qz, qw]) = crate::args::numbers::<7>(text) {
+        let pose = rigid_from([qx, qy, qz, qw], [x, y, z]).map_err(anyhow::Error::msg);
+        return Ok((pose.with_context(|| format!("--pose {text}"))?, None));
+    }
+    let bytes = std::fs::read(text)
+        .with_context(|| format!("--pose {text}: neither tx,ty,tz,qx,qy,qz,qw nor a file that can be read"))?;
+    let file: PoseFile = serde_json::from_slice(&bytes).with_context(|| {
+        format!("{text}: expected {{\"world_from_camera\": [[4 numbers] x 4], \"intrinsics\": [4 numbers]}}")
+    })?;
+    let pose = rigid(&file.world_from_camera).map_err(|reason| anyhow::anyhow!("{text}: {reason}"))?;
+    Ok((pose, file.intrinsics))
+}
+
+/// A 4 x 4 matrix as a rigid motion.
+pub fn rigid(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, String> {
+    let m = Matrix4::from_fn(|r, c| rows[r][c]);
+    let rotation: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into_owned();
+    let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
+    if !m.iter().all(|x| x.is_finite()) || off.is_nan() || off > 1e-3 || rotation.determinant() < 0.0 {
+        return Err(format!(
+            "world_from_camera is not a rigid motion: its rotation is off by {off:.1e}, determinant {:.3}",
+            rotation.determinant()
+        ));
+    }
+    if (m.row(3) - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).amax() > 1e-9 {
+        return Err("world_from_camera: the last row must be 0 0 0 1 (the matrix is given row by row)".to_owned());
+    }
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Ok(Isometry3::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::PointCloud;
+
+    fn organised(camera: &PinholeCamera, pose: &Isometry3<f64>) -> CloudFile {
+        let mut file = CloudFile::default();
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let mut pixels = Vec::new();
+        for i in (0..width * height).filter(|i| i % 7 != 0) {
+            let (column, row) = ((i % width) as f64, (i / width) as f64);
+            let z = 1.0 + 0.2 * (column * 0.1).sin() + 0.001 * row;
+            file.cloud.points.push(pose * camera.unproject(column, row, z));
+            pixels.push(i as u32);
+        }
+        file.grid = Some(Grid { width, height, pixels });
+        file
+    }
+
+    #[test]
+    fn an_organised_cloud_is_a_depth_image() {
+        let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+        let pose = Isometry3::new(nalgebra::Vector3::new(1.0, 2.0, 3.0), nalgebra::Vector3::new(0.3, 0.2, 0.1));
+        let moved = CloudFile { viewpoint: Some(pose), ..organised(&camera, &pose) };
+        for (file, expected) in [(organised(&camera, &Isometry3::identity()), Isometry3::identity()), (moved, pose)] {
+            let points = file.cloud.points.clone();
+            let Scan::Depth { camera: found, depth, world_from_camera, misses } = from_cloud_file(file, Unit::M) else {
+                panic!("a depth image was expected");
+            };
+            assert!((found.fx - 55.0).abs() < 1e-6 && (found.cy - 25.5).abs() < 1e-6, "{found:?}");
+            assert_eq!((world_from_camera, misses), (expected, Misses::Unknown));
+            let back = depth.to_points(&found, &world_from_camera);
+            assert_eq!(back.len(), points.len());
+            assert!(back.iter().zip(&points).all(|(a, b)| (a - b).norm() < 1e-5), "the points come back");
+        }
+    }
+
+    #[test]
+    fn a_cloud_of_another_geometry_stays_a_cloud() {
+        let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+        let mut file = organised(&camera, &Isometry3::identity());
+        file.cloud.points.iter_mut().for_each(|p| p.x += 0.3);
+        assert!(
+            matches!(from_cloud_file(file, Unit::M), Scan::Cloud { from: None, .. }),
+            "shifted: not from the origin"
+        );
+        let flat = PointCloud { points: vec![Point3::new(1.0, 2.0, 3.0)], normals: Vec::new() };
+        let file = CloudFile { cloud: flat, ..Default::default() };
+        let Scan::Cloud { cloud, .. } = from_cloud_file(file, Unit::Mm) else { panic!("a cloud was expected") };
+        assert_eq!(cloud.points, vec![Point3::new(0.001, 0.002, 0.003)], "millimetres become metres");
+    }
+
+    #[test]
+    fn poses_that_are_none_are_refused() {
+        let identity = [[1., 0., 0., 0.], [0., 1., 0., 0.], [0., 0., 1., 0.], [0., 0., 0., 1.]];
+        assert_eq!(rigid(&identity), Ok(Isometry3::identity()));
+        let mut mirrored = identity;
+        mirrored[0][0] = -1.0;
+        assert!(rigid(&mirrored).expect_err("mirrored").contains("determinant -1"), "says so");
+        let mut by_column = identity;
+        by_column[3] = [0.5, 0.0, 0.0, 1.0];
+        assert!(rigid(&by_column).expect_err("transposed").contains("row by row"), "names the likely mistake");
+        let (pose, _) = read_pose("1,2,3,0,0,0,1").expect("numbers");
+        assert_eq!(pose, Isometry3::translation(1.0, 2.0, 3.0), "translation and quaternion");
+        assert!(read_pose("1,2,3,0,0,0,2").is_err(), "not a unit quaternion");
+        assert!(format!("{:#}", read_pose("nowhere.json").expect_err("no file")).contains("nowhere.json"));
+    }
+}

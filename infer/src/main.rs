@@ -1,0 +1,204 @@
+//! `infer`: the next view for a real scan.
+
+mod args;
+mod frustums;
+mod http;
+mod lines;
+mod load;
+mod request;
+mod service;
+mod simulate;
+mod weights;
+
+use anyhow::{Context, Result, bail};
+use args::Args;
+use formats::Flag;
+use infer::report::{ReportInput, report_html};
+use infer::{Answer, InferConfig, Scan, Session};
+use nalgebra::{Isometry3, Point3, Vector3};
+use service::{Limits, Service};
+use std::io::Write;
+use std::path::Path;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let args = Args::from_command_line(std::env::args_os()).unwrap_or_else(|error| error.exit());
+    let level = ["warn", "info", "debug"][usize::from(args.verbose.min(2))];
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    match run(&args) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &Args) -> Result<ExitCode> {
+    if args.jobs > 0 {
+        rayon::ThreadPoolBuilder::new().num_threads(args.jobs).build_global().context("--jobs")?;
+    }
+    let config = settings(args)?;
+    config.check()?;
+    let network = || weights::network(args.weights.as_deref());
+    if args.serve {
+        let service = Service::new(config.clone(), network()?, Limits::default());
+        return serve(service, args).map(|()| ExitCode::SUCCESS);
+    }
+    if let Some(object) = &args.object {
+        return closed_loop(object, args, Session::new(config.clone(), network()?)?);
+    }
+    if args.scan.is_empty() && args.depth.is_empty() {
+        eprintln!("error: nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve (see --help)");
+        return Ok(ExitCode::from(2));
+    }
+    let mut session = Session::new(config.clone(), network()?)?;
+    let names = add_scans(&mut session, args)?;
+    let answer = session.next_view()?;
+    let poses: Vec<_> = session.state().scans.iter().map(|s| s.world_from_camera).collect();
+    write_files(args, &names, &session, &answer, &poses, &[])?;
+    if args.json {
+        print(&format!("{}\n", serde_json::to_string_pretty(&answer)?))?;
+    } else {
+        print(&answer.to_text())?;
+    }
+    // 3: an answer was given, and it is that no view is left.
+    Ok(if answer.next.is_some() { ExitCode::SUCCESS } else { ExitCode::from(3) })
+}
+
+/// Defaults, then the file, then --set, then flags.
+fn settings(args: &Args) -> Result<InferConfig> {
+    let distance = args.distance.as_deref().map(args::distances).transpose().map_err(anyhow::Error::msg)?;
+    let (fixed, range) = match distance {
+        Some((low, high)) if low == high => (Some(low), None),
+        Some((low, high)) => (None, Some(toml::Value::from(vec![low, high]))),
+        None => (None, None),
+    };
+    let misses = args.misses.map(|m| toml::Value::try_from(m)).transpose()?;
+    let flags = [
+        Flag::given("--distance", "working_distance_m", fixed),
+        Flag::given("--distance", "working_distance_range_m", range),
+        Flag::given("--planner", "planner", args.planner.map(|p| p.as_str())),
+        Flag::given("--stop-below", "stop_below", args.stop_below),
+        Flag::given("--misses", "misses", misses),
+        Flag::given("--seed", "seed", args.seed.map(i64::try_from).transpose().context("--seed")?),
+    ];
+    let flags: Vec<Flag> = flags.into_iter().flatten().collect();
+    let mut config: InferConfig = formats::config::load(args.config.as_deref(), &args.set, &flags)?;
+    if fixed.is_some() {
+        config.working_distance_range_m = None;
+    }
+    Ok(config)
+}
+
+/// Adds all scans; their names for the report's title.
+fn add_scans(session: &mut Session, args: &Args) -> Result<String> {
+    if !args.from.is_empty() && args.from.len() != args.scan.len() {
+        bail!("{} --from for {} --scan: give one camera position per cloud, or none", args.from.len(), args.scan.len());
+    }
+    if args.pose.len() != args.depth.len() {
+        bail!("{} --pose for {} --depth: give one pose per depth image", args.pose.len(), args.depth.len());
+    }
+    for (i, path) in args.scan.iter().enumerate() {
+        let mut scan = load::cloud(path, args.unit)?;
+        if let (Scan::Cloud { from, .. }, Some(given)) = (&mut scan, args.from.get(i)) {
+            *from = Some(Point3::from(Vector3::from(*given) * args.unit.metres()));
+        }
+        add(session, path, scan)?;
+    }
+    let misses = session.config().misses;
+    for (path, pose) in args.depth.iter().zip(&args.pose) {
+        add(session, path, load::depth(path, args.depth_unit, pose, args.intrinsics, misses)?)?;
+    }
+    let name = |path: &std::path::PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(args.scan.iter().chain(&args.depth).map(name).collect::<Vec<_>>().join(", "))
+}
+
+fn add(session: &mut Session, path: &Path, scan: Scan) -> Result<()> {
+    let report = session.add_scan(scan).with_context(|| path.display().to_string())?;
+    tracing::info!("{}: {}", path.display(), report.describe());
+    Ok(())
+}
+
+fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> {
+    let mut failed = None;
+    let show = |step: &simulate::Step| {
+        let line = if args.json { serde_json::to_string(step).unwrap_or_default() } else { step_line(step) };
+        failed = failed.take().or(print(&(line + "\n")).err());
+    };
+    let outcome = simulate::run(object, args, session, show)?;
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    let coverage: Vec<f64> = outcome.steps.iter().map(|s| s.coverage).collect();
+    if !args.json {
+        print(&format!("ended: {}\n", outcome.ended))?;
+    }
+    write_files(args, object, &outcome.session, &outcome.last, &outcome.poses, &coverage)?;
+    if let Some(directory) = &args.export_scans {
+        let camera = outcome.session.config().camera.camera();
+        let commands = simulate::export_scans(directory, object, &outcome, &camera)?;
+        print(&format!("scans in {}; plan on them with\n{commands}\n", directory.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn step_line(step: &simulate::Step) -> String {
+    let percent = |share: Option<f64>| share.map_or("    -".to_owned(), |s| format!("{:5.1}", 100.0 * s));
+    format!(
+        "view {:2}  coverage {:5.1} %  gain {} % (expected {})  overlap {} %  {}",
+        step.views,
+        100.0 * step.coverage,
+        percent(Some(step.gain)),
+        percent(step.expected_gain),
+        percent(step.overlap),
+        step.planner.as_deref().unwrap_or("first view")
+    )
+}
+
+fn write_files(
+    args: &Args,
+    title: &str,
+    session: &Session,
+    answer: &Answer,
+    past: &[Isometry3<f64>],
+    coverage: &[f64],
+) -> Result<()> {
+    if let Some(path) = &args.ply {
+        frustums::write(path, session, answer)?;
+    }
+    if let Some(path) = &args.report {
+        let config = session.config();
+        let input = ReportInput {
+            title,
+            cloud: session.cloud(),
+            camera: config.camera.camera(),
+            past: past.to_vec(),
+            up: config.constraints.up,
+            coverage,
+        };
+        formats::run::atomic_write(path, report_html(answer, &input).as_bytes())?;
+    }
+    Ok(())
+}
+
+fn serve(service: Service, args: &Args) -> Result<()> {
+    match args.http {
+        Some(address) => http::serve(service, address, |bound| {
+            // A line for the program that started this one; port 0 is known now.
+            let _ = print(&format!("listening on http://{bound}\n"));
+        })
+        .with_context(|| format!("--http {address}")),
+        None => lines::serve(&service, std::io::stdin().lock(), std::io::stdout().lock()).context("stdin and stdout"),
+    }
+}
+
+/// To stdout; a reader that went away (`| head`) is no error.
+fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("stdout"),
+        _ => Ok(()),
+    }
+}
