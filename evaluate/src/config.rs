@@ -2,6 +2,7 @@
 
 use crate::policies::see::SeeConfig;
 use datagen::EpisodeConfig;
+use datagen::dataset::{DatasetConfig, DatasetName};
 use geometry::CandidateConfig;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -48,12 +49,10 @@ pub struct WeightsConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvaluateConfig {
-    /// Set of objects: `repository3d`, `folder`, `modelnet40`, `shapenet`, `procedural`.
-    pub dataset: String,
-    /// Its directory; empty: `data/<dataset>`.
-    pub root: PathBuf,
-    /// Objects by name; empty: all.
-    pub objects: Vec<String>,
+    /// Which objects. `modelnet40` and `shapenet`: their test halves, unless `split` says otherwise.
+    pub dataset: DatasetConfig,
+    /// Of these only the ones with these names; empty: all.
+    pub only: Vec<String>,
     /// Policies; `all` stands for every one that can run here.
     pub policies: Vec<String>,
     /// Policy that the others are compared with.
@@ -87,9 +86,8 @@ pub struct EvaluateConfig {
 impl Default for EvaluateConfig {
     fn default() -> Self {
         Self {
-            dataset: "repository3d".to_owned(),
-            root: PathBuf::new(),
-            objects: Vec::new(),
+            dataset: DatasetConfig { name: DatasetName::Repository3d, ..DatasetConfig::default() },
+            only: Vec::new(),
             policies: vec!["all".to_owned()],
             baseline: "benbv".to_owned(),
             episodes: 60,
@@ -122,8 +120,8 @@ impl EvaluateConfig {
 
     /// Hash of what outcomes depend on: everything but which policies and episodes are run and how they are reported.
     pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
-        let Self { policies, baseline, episodes, never, resamples, objects, .. } = Self::default();
-        formats::config::hash(&Self { policies, baseline, episodes, never, resamples, objects, ..self.clone() })
+        let Self { policies, baseline, episodes, never, resamples, only, .. } = Self::default();
+        formats::config::hash(&Self { policies, baseline, episodes, never, resamples, only, ..self.clone() })
     }
 }
 

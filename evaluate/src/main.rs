@@ -33,7 +33,10 @@ struct Args {
     root: Option<String>,
     /// Only these objects, by name
     #[arg(long, value_delimiter = ',')]
-    objects: Option<Vec<String>>,
+    only: Option<Vec<String>>,
+    /// Take this many objects of the set [default: all; 20 of procedural]
+    #[arg(long)]
+    objects: Option<i64>,
     /// Policies, by name; `all` for every one (see --list-policies)
     #[arg(long, value_delimiter = ',')]
     policies: Option<Vec<String>>,
@@ -121,12 +124,12 @@ fn run(args: &Args) -> anyhow::Result<()> {
     let mut shown = Vec::new();
     // As many objects at a time as keep the cores busy; the first ones stay for the replay.
     for group in sources.chunks(4 * rayon::current_num_threads()) {
-        let ready: Vec<_> = group.par_iter().map(|source| source.prepare(&config)).collect();
+        let ready: Vec<_> = group.par_iter().map(|source| objects::load(source, &config)).collect();
         let mut usable = Vec::new();
         for (source, object) in group.iter().zip(ready) {
             match object {
                 Ok(object) => usable.push(object),
-                Err(reason) => bar.suspend(|| eprintln!("skipped {}: {reason}", source.name())),
+                Err(reason) => bar.suspend(|| eprintln!("skipped {}: {reason}", source.name)),
             }
         }
         benchmark::run(&usable, &policies, &config, &networks, &journal, &mut contents, &stop, |_| bar.inc(1))?;
@@ -150,9 +153,10 @@ fn run(args: &Args) -> anyhow::Result<()> {
 fn settings(args: &Args) -> anyhow::Result<EvaluateConfig> {
     let list = |names: &Option<Vec<String>>| names.clone();
     let flags: Vec<Flag> = [
-        Flag::given("--dataset", "dataset", args.dataset.clone()),
-        Flag::given("--root", "root", args.root.clone()),
-        Flag::given("--objects", "objects", list(&args.objects)),
+        Flag::given("--dataset", "dataset.name", args.dataset.clone()),
+        Flag::given("--root", "dataset.root", args.root.clone()),
+        Flag::given("--objects", "dataset.objects", args.objects),
+        Flag::given("--only", "only", list(&args.only)),
         Flag::given("--policies", "policies", list(&args.policies)),
         Flag::given("--episodes", "episodes", args.episodes),
         Flag::given("--seed", "seed", args.seed),
@@ -163,13 +167,10 @@ fn settings(args: &Args) -> anyhow::Result<EvaluateConfig> {
     .flatten()
     .collect();
     let file = args.config.as_deref();
-    let mut config = match args.preset {
+    let config: EvaluateConfig = match args.preset {
         Some(_) => formats::config::load::<PaperConfig>(file, &args.set, &flags)?.0,
         None => formats::config::load(file, &args.set, &flags)?,
     };
-    if config.root.as_os_str().is_empty() {
-        config.root = Path::new("data").join(&config.dataset);
-    }
     if config.episodes == 0 {
         bail!("--episodes 0: found no episode to run, expected at least 1");
     }

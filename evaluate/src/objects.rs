@@ -3,6 +3,7 @@
 use crate::config::{EvaluateConfig, Surface, TableConfig};
 use crate::networks::Networks;
 use crate::policies::{PolicyContext, PolicyError, make};
+use datagen::dataset::{DatasetError, DatasetName, Object as Source, SplitChoice, list_objects, load_mesh};
 use datagen::{EpisodeConfig, RenderConfig, Scene};
 use geometry::rng::stream;
 use geometry::sampling::poisson_disk_sample;
@@ -22,55 +23,38 @@ pub struct Object {
     pub least_z: Option<f64>,
 }
 
-/// Where an object comes from.
-pub struct Source {
-    name: String,
-    path: PathBuf,
-}
-
-impl Source {
-    /// The object's name.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Reads, scales and samples it.
-    ///
-    /// # Errors
-    /// Why it cannot be used.
-    pub fn prepare(&self, config: &EvaluateConfig) -> Result<Object, String> {
-        let mesh = formats::read_mesh(&self.path).map_err(|e| e.to_string())?;
-        prepare(&self.name, Some(&self.path), &mesh, config)
-    }
-}
-
-/// Why there are no objects.
-#[derive(Debug, thiserror::Error)]
-#[error("{root:?}: found {found}, expected mesh files (.obj, .ply, .stl, .off); give the folder with --root")]
-pub struct NoObjects {
-    root: PathBuf,
-    found: String,
-}
+/// Sets the built-in objects of an evaluation apart from those of a data set with the same seed.
+const HELD_OUT: u64 = 0x7e57;
 
 /// The objects of a run, by name.
 ///
 /// # Errors
-/// None there.
-pub fn list(config: &EvaluateConfig) -> Result<Vec<Source>, NoObjects> {
-    let root = config.root.clone();
-    let entries = std::fs::read_dir(&root).map_err(|e| NoObjects { root: root.clone(), found: e.to_string() })?;
-    let mut sources: Vec<Source> = entries
-        .flatten()
-        .map(|e| e.path())
-        .filter(|p| matches!(p.extension().and_then(|e| e.to_str()), Some("obj" | "ply" | "stl" | "off")))
-        .map(|path| Source { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), path })
-        .filter(|s| config.objects.is_empty() || config.objects.contains(&s.name))
-        .collect();
-    sources.sort_by(|a, b| a.name.cmp(&b.name));
-    if sources.is_empty() {
-        return Err(NoObjects { root, found: "no object of the names asked for".to_owned() });
+/// None there, with what is expected and where it is obtained.
+pub fn list(config: &EvaluateConfig) -> Result<Vec<Source>, DatasetError> {
+    let mut dataset = config.dataset.clone();
+    if matches!(dataset.name, DatasetName::ModelNet40 | DatasetName::ShapeNet) {
+        dataset.split.get_or_insert(SplitChoice::Test);
     }
+    let mut sources = list_objects(&dataset, config.seed ^ HELD_OUT, 0.0)?;
+    if let Some(missing) = config.only.iter().find(|name| !sources.iter().any(|s| s.name == **name)) {
+        let names: Vec<&str> = sources.iter().take(20).map(|s| s.name.as_str()).collect();
+        return Err(DatasetError::Choice(format!("--only {missing}: no such object; there are {}", names.join(", "))));
+    }
+    sources.retain(|s| config.only.is_empty() || config.only.contains(&s.name));
     Ok(sources)
+}
+
+/// Reads, scales and samples an object.
+///
+/// # Errors
+/// Why it cannot be used.
+pub fn load(source: &Source, config: &EvaluateConfig) -> Result<Object, String> {
+    let mesh = load_mesh(source).map_err(|e| e.to_string())?;
+    let path = match &source.source {
+        datagen::dataset::Source::File(path) => Some(path.as_path()),
+        datagen::dataset::Source::Procedural { .. } => None,
+    };
+    prepare(&source.name, path, &mesh, config)
 }
 
 /// Makes a policy once, on a stand-in object, to see whether its name and weights are good.

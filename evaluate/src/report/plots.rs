@@ -88,7 +88,7 @@ pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &
 
 /// Boxes of the overlaps of next views 1, 2 and 3, policy by policy: quartiles, whiskers at 1.5 times their distance.
 pub fn overlap_boxes(contents: &Contents, policies: &[String]) -> String {
-    let width = (120 + 74 * policies.len()) as u32;
+    let width = (120 + 150 * policies.len()) as u32;
     svg(width, 420, |area| {
         let fail = |e: &dyn std::fmt::Display| e.to_string();
         let mut chart = ChartBuilder::on(area)

@@ -86,7 +86,7 @@ mod tests {
     fn a_plate_above_hides_the_plate_below() {
         let config = SeeConfig {
             radius_m: 0.006,
-            density_per_m3: 1e7,
+            density_per_m3: 2.4e7,
             occlusion_search_m: 0.1,
             probe_step_m: 0.004,
             ..SeeConfig::default()
@@ -96,13 +96,14 @@ mod tests {
         below.update(&plate(0.0), Point3::new(0.0, 0.0, 1.2));
         let edge = *below.frontiers.first().expect("the plate has an edge");
         let above = below.points[edge as usize].position + nalgebra::Vector3::new(0.0, 0.0, 1.2);
-        assert!(below.visible(edge, &above, 1.0), "nothing is above the lower plate");
+        let offset = below.offset(edge);
+        assert!(below.visible(edge, &above, offset), "nothing is above the lower plate");
         let mut both = Surface::new(params);
         both.update(&[plate(0.0), plate(0.05)].concat(), Point3::new(0.0, 0.0, 1.2));
         let position = below.points[edge as usize].position;
         let same = both.points.iter().position(|s| s.position == position).expect("stored") as u32;
-        assert!(!both.visible(same, &above, 1.0), "the upper plate is in the way");
+        assert!(!both.visible(same, &above, offset), "the upper plate is in the way");
         let outside = position + 1.2 * nalgebra::Vector3::new(position.x, position.y, 0.0).normalize();
-        assert!(both.visible(same, &outside, 1.0), "sideways out of the gap is free");
+        assert!(both.visible(same, &outside, offset), "sideways out of the gap is free");
     }
 }
