@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Runs next-best-view policies on simulated objects and reports the paper's metrics with confidence intervals.
 ///
 /// A run can be stopped at any moment and goes on with the same command. Example:
-///   evaluate --dataset repository3d --root data/repository3d --policies benbv,volumetric,farthest --out runs/eval/first
+///   evaluate --dataset repository3d --root data/repository3d --policies benbv,see,farthest --out runs/eval/first
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
 struct Args {

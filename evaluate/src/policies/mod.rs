@@ -102,8 +102,6 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("benbv", "the paper's model-based search, 20 candidates; knows the object"),
     ("benbv:60", "the same with 20 targets x 3 angles (any multiple of 3, e.g. benbv:300)"),
     ("benbv-net", "the paper's network; no model of the object"),
-    ("volumetric", "carved free space, predicted surface, 60 candidates; no model of the object"),
-    ("volumetric:20", "the same with 20 candidates"),
     ("pc-nbv", "PC-NBV over its 33 views at the working distance (pc-nbv:paper: unmasked, 0.3 m farther)"),
     ("see", "SEE++ with parameters from the first scan"),
     ("see:r010", "SEE++ with r = 0.010, rho = 4e6"),
@@ -215,6 +213,11 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
         ("benbv-net", None) => context.networks.benbv_net().map_err(weights)?,
         #[cfg(feature = "networks")]
         ("pc-nbv", None | Some("paper")) => context.networks.pc_nbv(policy, variant.is_some()).map_err(weights)?,
+        #[cfg(not(feature = "networks"))]
+        ("benbv-net" | "pc-nbv", _) => {
+            let message = "this program was built without networks; build it with `--features networks`".to_owned();
+            return Err(PolicyError::Weights { policy: policy.to_owned(), message });
+        }
         _ => return Err(PolicyError::Unknown(policy.to_owned())),
     })
 }
