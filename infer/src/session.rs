@@ -144,14 +144,21 @@ impl Session {
         let evidence = Evidence::of(&self.state);
         let choice = choose(self.config.planner, evidence, self.planners.network.is_some())?;
 
-        let mut ranked: Vec<(RankedView, f64)> = Vec::new();
-        for distance in self.config.working_distances() {
-            // One stream for all distances: the candidates differ by the distance alone.
-            let mut rng = rng::stream(self.config.seed, &format!("infer/view/{}", self.scans.len()));
-            self.state.working_distance = distance;
-            let views = self.planners.rank(choice.planner, &self.state, &mut rng);
-            ranked.extend(views.into_iter().map(|view| (view, distance)));
-        }
+        let (config, num_scans, planners) = (&self.config, self.scans.len(), &mut self.planners);
+        let (cloud, state) = (self.state.cloud.clone(), &mut self.state);
+        let rank = || {
+            let mut ranked: Vec<(RankedView, f64)> = Vec::new();
+            for distance in config.working_distances() {
+                // One stream for all distances: the candidates differ by the distance alone.
+                let mut rng = rng::stream(config.seed, &format!("infer/view/{num_scans}"));
+                state.working_distance = distance;
+                let views = planners.rank(choice.planner, state, &mut rng);
+                ranked.extend(views.into_iter().map(|view| (view, distance)));
+            }
+            ranked
+        };
+        let count_boundary = || boundary_points(&cloud, &BoundaryConfig::default()).len();
+        let (ranked, boundary) = rayon::join(rank, count_boundary);
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
         let known = Surroundings {
             points: &self.state.cloud.points,
@@ -192,7 +199,6 @@ impl Session {
             candidate.rank = rank;
         }
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
-        let boundary = boundary_points(&self.state.cloud, &BoundaryConfig::default()).len();
         let stop = self.judge_stop(next.as_ref());
         Ok(Answer {
             stop,

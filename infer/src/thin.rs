@@ -108,8 +108,7 @@ pub fn without_outliers(points: &[Point3<f64>], factor: f64) -> Vec<usize> {
     if factor == 0.0 || points.len() <= NEIGHBORS {
         return (0..points.len()).collect();
     }
-    let grid = NeighborGrid::new(points, 2.0 * mean_spacing(points));
-    let neighborhoods = grid.neighborhoods(points.len(), NEIGHBORS + 1);
+    let neighborhoods = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), NEIGHBORS + 1);
     let distances: Vec<f64> = (0..points.len()).map(|i| neighborhoods.distance_sum(i)).collect();
     let mut sorted = distances.clone();
     let (_, median, _) = sorted.select_nth_unstable_by(points.len() / 2, f64::total_cmp);
