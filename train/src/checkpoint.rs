@@ -37,6 +37,9 @@ pub struct TrainingState {
     pub loss_sum: f64,
     /// Samples in that sum.
     pub loss_samples: usize,
+    /// Steps in a row, up to now, without a finite loss and gradient.
+    #[serde(default)]
+    pub skipped_in_row: u32,
     /// Whether early stopping has ended the run.
     pub stopped: bool,
     /// The learning rate's memory.
@@ -57,6 +60,7 @@ impl TrainingState {
             step_in_epoch: 0,
             loss_sum: 0.0,
             loss_samples: 0,
+            skipped_in_row: 0,
             stopped: false,
             schedule,
             best: Best::default(),

@@ -156,7 +156,6 @@ fn train_epoch<T: Task>(
 ) -> Result<Option<f64>, TrainError> {
     let plan = epoch_plan(config.seed, state.epoch, task.visits(), config.batch, config.accumulation);
     let latest = run.dir.join("latest");
-    let mut skipped_in_row = 0;
     let mut last_save = state.step;
     let mut rate = schedule.rate(state.step.saturating_sub(1), state.epoch);
     std::thread::scope(|scope| {
@@ -179,7 +178,7 @@ fn train_epoch<T: Task>(
             state.step_in_epoch += 1;
             match step {
                 Step::Done { loss, gradient_norm, samples } => {
-                    skipped_in_row = 0;
+                    state.skipped_in_row = 0;
                     state.loss_sum += loss * samples as f64;
                     state.loss_samples += samples;
                     watch.record(Record::Step(StepRecord {
@@ -194,16 +193,16 @@ fn train_epoch<T: Task>(
                     }))?;
                 }
                 Step::Skipped(reason) => {
-                    skipped_in_row += 1;
+                    state.skipped_in_row += 1;
                     watch.message(state.step, format!("step {} left the weights as they are: {reason}", state.step))?;
-                    if skipped_in_row >= MOST_SKIPPED {
+                    if state.skipped_in_row >= MOST_SKIPPED {
                         let (step, checkpoint) = (state.step, latest.clone());
-                        return Err(TrainError::Diverged { steps: skipped_in_row, step, rate, checkpoint });
+                        return Err(TrainError::Diverged { steps: state.skipped_in_row, step, rate, checkpoint });
                     }
                 }
             }
             let every = config.checkpoint.every_steps;
-            if every > 0 && state.step >= last_save + every && skipped_in_row == 0 {
+            if every > 0 && state.step >= last_save + every && state.skipped_in_row == 0 {
                 last_save = state.step;
                 let info = Checkpoint { step: state.step, ..info.clone() };
                 checkpoint::save(&latest, learner, &info, state)?;

@@ -36,16 +36,18 @@ fn eight_samples_are_learnt_by_heart() {
     let samples: Vec<_> = (0..8).map(|d| sample("a", d, 8)).collect();
     write_set(tmp.path(), &[("a", Split::Train, samples), ("b", Split::Validation, vec![sample("b", 0, 8)])]);
     let mut config = tiny_config();
-    config.epochs = 250;
+    config.epochs = 40;
+    config.batch = 32;
     config.network.dropout = 0.0;
-    config.augment = AugmentConfig::none();
+    config.network.points = 150; // every point of the cloud, every time
+    config.augment = AugmentConfig { copies: 79, ..AugmentConfig::none() }; // 80 visits an epoch, all alike
     config.optimizer.rate = 5e-3;
     config.optimizer.weight_decay = 0.0;
     config.schedule.kind = train::schedule::ScheduleKind::Cosine;
     let outcome = run(&config, tmp.path(), &tmp.path().join("run")).expect("trained");
-    let (first, last) = (outcome.epochs[0].train_loss, outcome.epochs[249].train_loss);
+    let (first, last) = (outcome.epochs[0].train_loss, outcome.epochs[39].train_loss);
     println!("loss {first:.4} -> {last:.6}");
-    assert!(first > 0.05 && last < 1e-3, "loss {first} -> {last}: eight samples must be learnt by heart");
+    assert!(first > 0.02 && last < 2e-3, "loss {first} -> {last}: eight samples must be learnt by heart");
 }
 
 #[test]
@@ -126,10 +128,12 @@ fn bad_samples_are_left_out_and_said() {
     samples[2].overlap.clear();
     samples[3].scores = vec![0.5; 8]; // constant: no order, but a target like any other
     samples[4].candidates[0].density = f64::INFINITY;
+    let mut poisoned = sample("b", 1, 8);
+    poisoned.scores[2] = f64::NAN;
     let bad_only = vec![samples[0].clone(), samples[1].clone()];
     write_set(
         &data,
-        &[("a", Split::Train, samples.clone()), ("b", Split::Validation, vec![samples[3].clone(), samples[1].clone()])],
+        &[("a", Split::Train, samples.clone()), ("b", Split::Validation, vec![sample("b", 0, 8), poisoned])],
     );
     let mut config = tiny_config();
     config.epochs = 1;
@@ -151,7 +155,7 @@ fn bad_samples_are_left_out_and_said() {
 
     // Nothing but bad samples: training ends with an error instead of going round for nothing.
     let hopeless = tmp.path().join("hopeless");
-    write_set(&hopeless, &[("a", Split::Train, bad_only), ("b", Split::Validation, vec![samples[3].clone()])]);
+    write_set(&hopeless, &[("a", Split::Train, bad_only), ("b", Split::Validation, vec![sample("b", 0, 8)])]);
     config.epochs = 30;
     let text = run(&config, &hopeless, &tmp.path().join("run2")).expect_err("nothing to learn from").to_string();
     assert!(text.contains("in a row"), "{text}");
@@ -171,6 +175,7 @@ fn a_loss_that_overflows_changes_nothing() {
     config.batch = 2;
     config.augment = AugmentConfig::none();
     config.input.normalisation = model::encode::Normalisation::AsIs;
+    config.network.points = 150; // every point of the cloud, so that the bad one is always seen
     let dir = tmp.path().join("run");
     let outcome = run(&config, &data, &dir).expect("survived");
     let log = std::fs::read_to_string(dir.join("log.jsonl")).expect("a log");
