@@ -75,7 +75,7 @@ fn settings(args: &Args) -> Result<InferConfig> {
         Some((low, high)) => (None, Some(toml::Value::from(vec![low, high]))),
         None => (None, None),
     };
-    let misses = args.misses.map(|m| toml::Value::try_from(m)).transpose()?;
+    let misses = args.misses.map(toml::Value::try_from).transpose()?;
     let flags = [
         Flag::given("--distance", "working_distance_m", fixed),
         Flag::given("--distance", "working_distance_range_m", range),
