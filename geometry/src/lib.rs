@@ -23,6 +23,7 @@ pub mod planner;
 pub mod rng;
 pub mod sampling;
 pub mod view;
+pub mod volumetric;
 
 pub use boundary::{BoundaryConfig, boundary_points};
 pub use camera::{DepthImage, PinholeCamera};
@@ -35,3 +36,4 @@ pub use normals::{estimate_normals, orient_normals_along, orient_normals_toward}
 pub use orientation::orient_normals_consistent;
 pub use planner::{CandidateView, Misses, Observation, PastScan, Planner, RankedView, ScanState, Seen};
 pub use view::View;
+pub use volumetric::{VolumetricConfig, VolumetricPlanner, Workspace};
