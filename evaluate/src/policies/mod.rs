@@ -110,6 +110,7 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("random-sphere", "random on a sphere at the working distance (random-sphere:paper: 0.3 m farther; :R metres)"),
     ("random-u-sphere", "latitude-longitude grid without repetition (:paper, :R as above)"),
     ("random-33", "PC-NBV's 33 views at random, without repetition (:paper, :R as above)"),
+    ("volumetric", "carved voxels, expected surface, gain and overlap per view; 60 candidates, no model of the object"),
     ("farthest", "largest least angle to all past cameras, on a sphere of 500 views (:R in metres)"),
     ("farthest:60", "the same among BENBV's 60 candidates"),
     ("oracle:20", "yardstick: greedy true gain among BENBV's 20 candidates (any multiple of 3 too)"),
@@ -179,6 +180,7 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
             Box::new(RandomSetPlanner::new(policy, sphere::latitude_longitude(), radius(variant)?))
         }
         ("random-33", _) => Box::new(RandomSetPlanner::new(policy, sphere::pc_nbv_33(), radius(variant)?)),
+        ("volumetric", None) => Box::new(geometry::VolumetricPlanner::default()),
         ("farthest", Some(v)) if v.parse::<usize>().is_ok() => {
             Box::new(FarthestPlanner::new(policy, FarthestAmong::Candidates(candidates(variant, 60)?)))
         }
