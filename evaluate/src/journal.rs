@@ -231,6 +231,6 @@ mod tests {
         let error = Journal::open(dir.path(), "h2").err().expect("refused").to_string();
         assert!(error.contains("other settings") && error.contains("--out"), "{error}");
         std::fs::write(&path, "{}\n").expect("writable");
-        assert!(read(dir.path()).err().expect("refused").to_string().contains("line 1"));
+        assert!(read(dir.path()).expect_err("refused").to_string().contains("line 1"));
     }
 }

@@ -123,7 +123,8 @@ mod tests {
         let mut rng = stream(1, "torus");
         let mut cloud = PointCloud::default();
         for _ in 0..n {
-            let (u, v): (f64, f64) = (rng.gen_range(0.0..6.2832), rng.gen_range(0.0..6.2832));
+            let (u, v): (f64, f64) =
+                (rng.gen_range(0.0..std::f64::consts::TAU), rng.gen_range(0.0..std::f64::consts::TAU));
             let normal = Vector3::new(v.cos() * u.cos(), v.cos() * u.sin(), v.sin());
             cloud.points.push(Point3::new(3.0 * u.cos(), 3.0 * u.sin(), 0.0) + normal);
             cloud.normals.push(normal);

@@ -411,8 +411,8 @@ mod tests {
     #[test]
     fn exclusions_tell_apart_what_is_excluded_once() {
         let objection = |constraint| Objection { constraint, reason: String::new() };
-        let floor = vec![objection(Constraint::Floor)];
-        let both = vec![objection(Constraint::Floor), objection(Constraint::Tilt)];
+        let floor = [objection(Constraint::Floor)];
+        let both = [objection(Constraint::Floor), objection(Constraint::Tilt)];
         let counts = count_exclusions([&floor[..], &both[..], &[]]);
         assert_eq!(
             counts,

@@ -24,7 +24,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (batch, points, steps) = (number(0, 32), number(1, 1024), number(2, 12));
     let preset = arguments.get(3).map_or("paper", String::as_str);
 
-    let tmp = std::env::temp_dir().join(format!("loop_rate_{}", std::process::id()));
+    let folder = tempfile::tempdir()?;
+    let tmp = folder.path();
     write_set(&tmp.join("data"), batch * steps)?;
     let mut config = TrainConfig { batch, epochs: 1, ..Default::default() };
     config.network = model::BenbvNetConfig::preset(preset).ok_or("expected paper or compact")?;
@@ -74,7 +75,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let rate = (batch * steps) as f64 / seconds;
     println!("whole loop, steps: {rate:.1} samples/s, {:.2} % of it waiting for the loader", 100.0 * waited / seconds);
     println!("whole loop / bare step: {:.3}; loader / bare step, CPU: {:.1}", rate / bare.0, bare.1 / loader.1);
-    std::fs::remove_dir_all(&tmp)?;
     Ok(())
 }
 

@@ -338,7 +338,8 @@ mod tests {
     #[test]
     fn settings_out_of_range_are_named() {
         TrainConfig::default().validate().expect("defaults are valid");
-        let cases: [(fn(&mut TrainConfig), &str); 7] = [
+        type Spoil = fn(&mut TrainConfig);
+        let cases: [(Spoil, &str); 7] = [
             (|c| c.batch = 0, "setting batch = 0: expected at least 1"),
             (|c| c.optimizer.rate = f64::NAN, "optimizer.rate"),
             (|c| c.validation.fraction = 1.0, "validation.fraction = 1: expected a share in (0, 1)"),

@@ -23,7 +23,7 @@ pub struct Dataset {
 
 #[derive(Debug)]
 enum Source {
-    Shard(ShardReader),
+    Shard(Box<ShardReader>),
     /// The authors' files are read whole.
     Frames(Vec<Sample>),
 }
@@ -88,7 +88,7 @@ impl Dataset {
             }
             (train, validation) = (kept, out);
         }
-        let shards = |readers: Vec<ShardReader>| readers.into_iter().map(Source::Shard).collect();
+        let shards = |readers: Vec<ShardReader>| readers.into_iter().map(|r| Source::Shard(Box::new(r))).collect();
         Self::new(path, name, shards(train), shards(validation))
     }
 

@@ -61,7 +61,7 @@ impl<B: Send> Loader<B> {
     }
 
     /// The next step's parts; waits for them.
-    pub fn next(&mut self) -> Result<Vec<B>, TrainError> {
+    pub fn next_batch(&mut self) -> Result<Vec<B>, TrainError> {
         let queue = &self.queues[self.next];
         self.next = (self.next + 1) % self.queues.len();
         queue.recv().map_err(|_| TrainError::Loader("its thread panicked; the panic's message is above".into()))

@@ -167,7 +167,7 @@ fn train_epoch<T: Task>(
                 return Ok(None);
             }
             let began = Instant::now();
-            let parts = loader.next()?;
+            let parts = loader.next_batch()?;
             let wait_seconds = began.elapsed().as_secs_f64();
             for text in task.refusals() {
                 watch.message(state.step, text)?;

@@ -63,8 +63,8 @@ pub fn render(title: &str, records: &[Record], done: bool) -> String {
          table{{border-collapse:collapse}}td,th{{padding:.15em .7em;text-align:right;border-bottom:1px solid #ddd}}</style>\n\
          </head><body>\n<h1>{title}</h1>\n"
     );
-    if let Some(last) = epochs().last() {
-        let best = epochs().filter(|e| e.best).last().unwrap_or(last);
+    if let Some(last) = epochs().next_back() {
+        let best = epochs().rfind(|e| e.best).unwrap_or(last);
         let _ = writeln!(
             page,
             "<table><tr><th></th><th>epoch</th><th>step</th><th>training loss</th><th>validation loss</th>\

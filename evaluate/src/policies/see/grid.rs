@@ -25,12 +25,15 @@ impl Hasher for CellHasher {
     }
 }
 
+/// Points of a cell, with their indices.
+type Cell = Vec<(u32, Point3<f64>)>;
+
 /// Points by cell. Cells are visited in lexicographic order and points in order of insertion, so that no answer depends
 /// on the hash.
 #[derive(Clone)]
 pub(super) struct PointGrid {
     cell: f64,
-    cells: HashMap<(i32, i32, i32), Vec<(u32, Point3<f64>)>, BuildHasherDefault<CellHasher>>,
+    cells: HashMap<(i32, i32, i32), Cell, BuildHasherDefault<CellHasher>>,
     all: Vec<(u32, Point3<f64>)>,
 }
 
