@@ -9,6 +9,13 @@ use model::encode::{EncodeConfig, Encoded, to_input};
 use model::{BenbvNet, BenbvNetConfig, NetInput, checkpoint, position_weighted_loss};
 use rand::Rng;
 use rand::seq::SliceRandom;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// The backend has one generator for the whole process: tests that draw weights or dropout take turns.
+fn alone() -> MutexGuard<'static, ()> {
+    static GENERATOR: Mutex<()> = Mutex::new(());
+    GENERATOR.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 fn net(config: &BenbvNetConfig, seed: u64) -> BenbvNet {
     let device = Device::flex();
@@ -42,6 +49,7 @@ fn rows3(values: &[f32], order: &[usize]) -> Vec<f32> {
 
 #[test]
 fn order_of_points_does_not_matter() {
+    let _alone = alone();
     let mut rng = geometry::rng::stream(1, "properties");
     let net = net(&BenbvNetConfig::tiny(), 1);
     let still = sample(300, 7, &mut rng);
@@ -54,6 +62,7 @@ fn order_of_points_does_not_matter() {
 
 #[test]
 fn candidates_permute_with_their_scores() {
+    let _alone = alone();
     let mut rng = geometry::rng::stream(2, "properties");
     let net = net(&BenbvNetConfig::tiny(), 2);
     let still = sample(100, 7, &mut rng);
@@ -70,6 +79,7 @@ fn candidates_permute_with_their_scores() {
 
 #[test]
 fn masking_equals_absence() {
+    let _alone = alone();
     let mut rng = geometry::rng::stream(3, "properties");
     let net = net(&BenbvNetConfig::tiny(), 3);
     let batch = [sample(80, 5, &mut rng), sample(80, 8, &mut rng), sample(80, 1, &mut rng)];
@@ -83,6 +93,7 @@ fn masking_equals_absence() {
 
 #[test]
 fn padding_changes_no_gradient_and_no_statistic() {
+    let _alone = alone();
     let mut rng = geometry::rng::stream(4, "properties");
     let config = BenbvNetConfig { dropout: 0.0, ..BenbvNetConfig::tiny() };
     let batch = [sample(60, 4, &mut rng), sample(60, 6, &mut rng)];
@@ -119,6 +130,7 @@ type Gradients = std::collections::BTreeMap<String, Vec<f32>>;
 
 #[test]
 fn fused_training_agrees_with_plain_layers() {
+    let _alone = alone();
     let mut rng = geometry::rng::stream(5, "properties");
     // Odd sizes, several chunks, more samples than pieces, one layer, six layers.
     for (case, (samples, points, widths)) in [
@@ -159,6 +171,7 @@ fn fused_training_agrees_with_plain_layers() {
 
 #[test]
 fn fused_inference_agrees_with_plain_layers() {
+    let _alone = alone();
     let mut rng = geometry::rng::stream(6, "properties");
     let mut net = net(&BenbvNetConfig::tiny(), 6).train();
     let batch: Vec<_> = (0..3).map(|_| sample(700, 8, &mut rng)).collect();
@@ -178,6 +191,7 @@ fn fused_inference_agrees_with_plain_layers() {
 
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
+    let _alone = alone();
     let mut rng = geometry::rng::stream(7, "properties");
     let config = BenbvNetConfig { dropout: 0.0, ..BenbvNetConfig::tiny() };
     let batch: Vec<_> = (0..4).map(|_| sample(600, 8, &mut rng)).collect();
@@ -193,6 +207,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 
 #[test]
 fn checkpoints_come_back_and_replace_each_other() {
+    let _alone = alone();
     let folder = tempfile::tempdir().expect("temp");
     let directory = folder.path().join("best");
     let config = BenbvNetConfig::tiny();
@@ -218,6 +233,7 @@ fn checkpoints_come_back_and_replace_each_other() {
 
 #[test]
 fn bad_checkpoints_are_explained() {
+    let _alone = alone();
     let folder = tempfile::tempdir().expect("temp");
     let directory = folder.path().join("run");
     let config = BenbvNetConfig::tiny();
@@ -256,6 +272,7 @@ fn bad_checkpoints_are_explained() {
 
 #[test]
 fn weights_that_are_not_numbers_are_refused() {
+    let _alone = alone();
     let net = net(&BenbvNetConfig::tiny(), 1);
     let mut tensors = common::tensors(&net);
     tensors.get_mut("norm1.weight").expect("named").1[2] = f32::NAN;
@@ -266,6 +283,7 @@ fn weights_that_are_not_numbers_are_refused() {
 
 #[test]
 fn half_precision_is_close_and_comes_back() {
+    let _alone = alone();
     use model::published::Precision;
     let net = net(&BenbvNetConfig::tiny(), 5);
     let bytes = model::published::to_safetensors(&net, Precision::F16).expect("export");

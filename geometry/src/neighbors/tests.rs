@@ -1,0 +1,85 @@
+//! Tests of the neighbour grid against brute force.
+
+use super::*;
+use crate::rng::stream;
+use proptest::prelude::*;
+use rand::Rng;
+
+fn random_points(n: usize, seed: u64) -> Vec<Point3<f64>> {
+    let mut rng = stream(seed, "neighbors");
+    // A coarse lattice, so that ties and duplicates occur.
+    (0..n).map(|_| Point3::from([0; 3].map(|_| f64::from(rng.gen_range(-20..20i32)) * 0.004))).collect()
+}
+
+/// All keys by brute force, in the arithmetic of the grid.
+fn brute_force(grid: &NeighborGrid, query: &Point3<f64>) -> Vec<u64> {
+    let q = grid.query_point(query).unwrap();
+    let mut keys: Vec<u64> = (0..grid.len()).map(|i| key(grid.distance2(q, i), grid.ids[i])).collect();
+    keys.sort_unstable();
+    keys
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn every_query_equals_brute_force(n in 1usize..300, k in 1usize..40, cell in 0.0f64..0.03, seed in 0u64..1000) {
+        let points = random_points(n, seed);
+        let grid = NeighborGrid::new(&points, cell);
+        let queries = random_points(10, seed + 1).into_iter().chain([Point3::new(5.0, -3.0, 0.1)]);
+        for query in queries {
+            let expected: Vec<Neighbor> = brute_force(&grid, &query).into_iter().map(neighbor).collect();
+            prop_assert_eq!(&grid.k_nearest(&query, k)[..], &expected[..k.min(n)]);
+            prop_assert_eq!(grid.nearest(&query), Some(expected[0]));
+            let radius = 0.013;
+            let inside: Vec<Neighbor> =
+                expected.iter().copied().filter(|n| n.distance2 < (radius * radius) as f32).collect();
+            prop_assert_eq!(grid.any_within(&query, radius), !inside.is_empty());
+            prop_assert_eq!(grid.within(&query, radius), inside);
+        }
+        let all = grid.neighborhoods(n, k);
+        for (i, p) in points.iter().enumerate() {
+            let expected: Vec<u32> = brute_force(&grid, p)[..k.min(n)].iter().map(|&k| k as u32).collect();
+            prop_assert_eq!(all.ids(i), &expected[..]);
+        }
+    }
+}
+
+#[test]
+fn non_finite_points_and_queries_are_ignored() {
+    let nan = Point3::new(f64::NAN, 0.0, 0.0);
+    let points = [nan, Point3::origin(), Point3::new(f64::INFINITY, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0)];
+    let grid = NeighborGrid::new(&points, 0.1);
+    assert_eq!(grid.len(), 2);
+    assert!(grid.k_nearest(&nan, 3).is_empty() && grid.nearest(&nan).is_none() && !grid.any_within(&nan, 1.0));
+    let all = grid.neighborhoods(points.len(), 5);
+    assert_eq!(all.k(), 2);
+    assert_eq!(all.ids(0), [u32::MAX; 2]);
+    assert_eq!(all.ids(1), [1, 3]);
+    assert!((mean_spacing(&points) - 1.0).abs() < 1e-12);
+    assert_eq!(mean_spacing(&[nan]), 0.0);
+    assert!(NeighborGrid::new(&[], 0.1).nearest(&Point3::origin()).is_none());
+    assert_eq!(NeighborGrid::new(&[], 0.1).neighborhoods(0, 30).mean_distance(), 0.0);
+}
+
+#[test]
+fn degenerate_and_far_flung_clouds_stay_exact_and_small() {
+    let same = vec![Point3::new(1.0, 2.0, 3.0); 50];
+    assert_eq!(NeighborGrid::new(&same, 0.0).neighborhoods(50, 30).ids(40), (0..30).collect::<Vec<u32>>());
+    assert_eq!(mean_spacing(&same), 0.0);
+    // Survey coordinates with an outlier a thousand kilometres away.
+    let mut far: Vec<_> = random_points(3000, 3).iter().map(|p| p + nalgebra::Vector3::new(5.6e6, -2e5, 1e3)).collect();
+    far.push(Point3::new(6.6e6, 0.0, 0.0));
+    let grid = NeighborGrid::new(&far, 0.004);
+    assert!(grid.starts.len() as f64 <= MAX_CELLS + 1.0);
+    for i in [0, 10, 3000] {
+        let expected: Vec<Neighbor> = brute_force(&grid, &far[i]).into_iter().map(neighbor).take(5).collect();
+        assert_eq!(grid.k_nearest(&far[i], 5), expected);
+    }
+}
+
+#[test]
+fn spacing_of_a_lattice_is_its_pitch() {
+    let points: Vec<_> =
+        (0..400).map(|i| Point3::new(f64::from(i % 20) * 0.01, f64::from(i / 20) * 0.01, 0.3)).collect();
+    assert!((mean_spacing(&points) - 0.01).abs() < 1e-9);
+}
