@@ -1,0 +1,71 @@
+//! CPU and GPU agree. Needs `--features wgpu` and a driver; Mesa's software driver (lavapipe) serves:
+//!
+//!     cargo test --release -p model --features wgpu --test gpu -- --nocapture
+#![cfg(feature = "wgpu")]
+
+mod common;
+
+use burn::module::Module;
+use burn::optim::{AdamWConfig, GradientsParams, Optimizer};
+use burn::tensor::{Device, Tensor};
+use model::encode::{EncodeConfig, Encoded, to_input};
+use model::{BenbvNet, BenbvNetConfig, checkpoint, device, position_weighted_loss};
+use rand::Rng;
+
+fn sample(points: usize, candidates: usize, rng: &mut impl Rng) -> Encoded {
+    let mut numbers = |count: usize| (0..count).map(|_| rng.gen_range(-0.1f32..0.1)).collect::<Vec<_>>();
+    let (points, normals) = (numbers(3 * points), numbers(3 * points));
+    let (targets, directions) = (numbers(3 * candidates), numbers(3 * candidates));
+    let density = numbers(candidates).iter().map(|x| 5.0 * (x + 0.1)).collect();
+    Encoded { points, normals, targets, directions, density, view_order: 3.0 }
+}
+
+/// Scores in evaluation, the loss of a training step, and the loss after it.
+fn run(directory: &std::path::Path, batch: &[Encoded], device: &Device) -> (Vec<f32>, f32, f32) {
+    let (net, _) = checkpoint::load::<BenbvNet>(directory, device).expect("a checkpoint");
+    let input = || to_input(batch, 8, device).expect("a valid batch");
+    let scores = net.forward(input()).into_data().convert::<f32>().try_to_vec().expect("f32");
+    let net = net.train();
+    let loss = |net: &BenbvNet| {
+        let input = input();
+        let counts = input.counts.clone();
+        let target = Tensor::<2>::ones([batch.len(), 8], device) * 0.7;
+        position_weighted_loss(net.forward(input), target, &counts)
+    };
+    let before = loss(&net);
+    let value = |loss: &Tensor<1>| loss.clone().without_autodiff().into_scalar::<f32>();
+    let first = value(&before);
+    let mut optimizer = AdamWConfig::new().with_weight_decay(0.01).with_epsilon(1e-8).init();
+    let gradients = GradientsParams::from_grads(before.backward(), &net);
+    let net = optimizer.step(1e-3, net, gradients);
+    (scores, first, value(&loss(&net)))
+}
+
+#[test]
+fn forward_and_a_training_step_agree_with_the_cpu() {
+    let gpu = match device::open("wgpu") {
+        Ok(device) => device,
+        Err(error) => {
+            println!("skipped: {error}");
+            return;
+        }
+    };
+    let folder = tempfile::tempdir().expect("temp");
+    let directory = folder.path().join("net");
+    let config = BenbvNetConfig { dropout: 0.0, ..BenbvNetConfig::tiny() };
+    let cpu = Device::flex();
+    cpu.seed(11);
+    let net = config.init(&cpu).materialize();
+    checkpoint::save(&directory, &net, &checkpoint::Checkpoint::new::<BenbvNet>(config, EncodeConfig::paper()))
+        .expect("written");
+    let mut rng = geometry::rng::stream(12, "gpu");
+    let batch: Vec<_> = (0..4).map(|_| sample(300, 8, &mut rng)).collect();
+    let (a, b) = (run(&directory, &batch, &cpu), run(&directory, &batch, &gpu));
+    let worst = a.0.iter().zip(&b.0).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+    println!("forward {worst:e}, loss {:e}, loss after a step {:e}", (a.1 - b.1).abs(), (a.2 - b.2).abs());
+    assert!(worst < 1e-5, "forward: {worst:e}");
+    // Batch statistics amplify rounding: train mode is less exact than evaluation, and Adam divides noise by itself.
+    assert!((a.1 - b.1).abs() < 1e-4, "loss {} on the CPU, {} on the GPU", a.1, b.1);
+    assert!((a.2 - b.2).abs() < 5e-3, "loss after a step {} on the CPU, {} on the GPU", a.2, b.2);
+    assert!(a.2 < a.1, "the step must lower the loss");
+}
