@@ -70,7 +70,7 @@ impl PointCloud {
         if !(voxel > 0.0 && voxel.is_finite()) {
             return self.clone();
         }
-        let finite = |p: &Point3<f64>| p.iter().all(|x| x.is_finite());
+        let finite = |p: &Point3<f64>| p.x.is_finite() && p.y.is_finite() && p.z.is_finite();
         let corner = match origin {
             VoxelOrigin::World => Point3::origin(),
             VoxelOrigin::CloudMinimum => {
@@ -105,7 +105,8 @@ impl PointCloud {
 
 /// Indices of the voxel that holds a point.
 fn voxel_of(p: &Point3<f64>, corner: &Point3<f64>, voxel: f64) -> [i64; 3] {
-    [0, 1, 2].map(|axis| ((p[axis] - corner[axis]) / voxel).floor() as i64)
+    let index = |axis: usize| ((p[axis] - corner[axis]) / voxel).floor() as i64;
+    [index(0), index(1), index(2)]
 }
 
 /// Numbers voxels in the order of their first appearance: a table with open addressing, for the published search

@@ -23,7 +23,7 @@ mod shared_mlp;
 pub use benbv::{BenbvNet, NetInput};
 pub use config::BenbvNetConfig;
 pub use encode::{EncodeConfig, Encoded, Normalisation};
-pub use loss::position_weighted_loss;
+pub use loss::{position_weighted_loss, within_decision_loss};
 pub use net_planner::{NetPlanner, NetPlannerConfig, NetPlannerError};
 pub use pc_nbv::{PcNbvNet, PcNbvNetConfig};
 pub use pc_nbv_model::{PcNbvError, PcNbvModel};

@@ -11,7 +11,7 @@ use formats::Sample;
 use geometry::rng::stream;
 use model::checkpoint::Checkpoint;
 use model::encode::{EncodeConfig, Encoded, encode, to_input};
-use model::{BenbvNet, BenbvNetConfig, NetPlanner, NetPlannerConfig, position_weighted_loss};
+use model::{BenbvNet, BenbvNetConfig, NetPlanner, NetPlannerConfig, position_weighted_loss, within_decision_loss};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
@@ -117,7 +117,12 @@ impl Task for BenbvTask<'_> {
             // Every sample was checked by `encode`, and the batch is as wide as the widest.
             unreachable!("a batch of encoded samples fits its own width");
         };
-        position_weighted_loss(net.forward(input), target, &counts)
+        let predicted = net.forward(input); // [B, K]
+        let loss = position_weighted_loss(predicted.clone(), target.clone(), &counts);
+        match self.config.loss.within_decision {
+            0.0 => loss,
+            weight => loss + within_decision_loss(predicted, target, &counts) * weight,
+        }
     }
 
     fn validate(&self, net: &BenbvNet, device: &Device) -> Result<Validation, TrainError> {

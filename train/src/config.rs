@@ -31,6 +31,8 @@ pub struct TrainConfig {
     pub network: BenbvNetConfig,
     /// What the network is shown.
     pub input: InputConfig,
+    /// What is minimised.
+    pub loss: LossConfig,
     /// Optimizer.
     pub optimizer: OptimizerConfig,
     /// Learning rate over time.
@@ -61,6 +63,7 @@ impl Default for TrainConfig {
             kind: NetworkKind::default(),
             network: BenbvNetConfig::default(),
             input: InputConfig::default(),
+            loss: LossConfig::default(),
             optimizer: OptimizerConfig::default(),
             schedule: ScheduleConfig::default(),
             augment: AugmentConfig::default(),
@@ -180,6 +183,14 @@ pub enum OptimizerKind {
     Adam,
 }
 
+/// The loss of BENBV-Net.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LossConfig {
+    /// Weight of the error within each decision beside the paper's loss; 0 as published.
+    pub within_decision: f64,
+}
+
 /// Validation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -274,7 +285,9 @@ impl TrainConfig {
         }
         let o = &self.optimizer;
         let a = &self.augment;
-        let ranges: [(&'static str, f64, bool, &str); 12] = [
+        let within = self.loss.within_decision;
+        let ranges: [(&'static str, f64, bool, &str); 13] = [
+            ("loss.within_decision", within, within >= 0.0, "0 or more"),
             ("optimizer.rate", o.rate, o.rate > 0.0, "a positive number"),
             ("optimizer.weight_decay", o.weight_decay, o.weight_decay >= 0.0, "0 or more"),
             ("optimizer.beta_1", o.beta_1, (0.0..1.0).contains(&o.beta_1), "a number in [0, 1)"),
