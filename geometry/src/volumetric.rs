@@ -2,13 +2,15 @@
 //! and overlap that a view can expect of both.
 
 mod grid;
+mod membrane;
 mod predict;
 
+use crate::candidates::candidate_views_among;
 use crate::coverage::overlap_response;
-use crate::{Angles, CandidateConfig, Misses, Planner, RankedView, ScanState, Seen, candidate_views};
+use crate::{Angles, CandidateConfig, Misses, NeighborGrid, Planner, RankedView, ScanState, Seen, View};
 use grid::VoxelGrid;
 use nalgebra::Point3;
-use predict::{Forecast, SampledSurface, forecast};
+use predict::{Forecast, Leaps};
 use rand_chacha::ChaCha8Rng;
 
 /// A cube in which the object stands.
@@ -33,9 +35,12 @@ pub struct VolumetricConfig {
     pub weight_center: f64,
     /// Views with a smaller expected overlap come after all others (0: none).
     pub min_overlap: f64,
-    /// Voxel edge in pixels at the working distance (1.7: 4 mm at 1.2 m); grows where memory would not do.
+    /// Voxel edge in pixels at the working distance (1.7: 4 mm at 1.2 m), or in spacings of the cloud where that is
+    /// coarser; grows where memory would not do.
     pub voxel_px: f64,
-    /// The workspace; absent: taken from the first cloud.
+    /// Every so many pixels and rows a ray is followed (2).
+    pub stride_px: u32,
+    /// The workspace; absent: around the cloud, again whenever that outgrows it.
     pub workspace: Option<Workspace>,
 }
 
@@ -47,6 +52,7 @@ impl Default for VolumetricConfig {
             weight_center: 0.65,
             min_overlap: 0.0,
             voxel_px: 1.7,
+            stride_px: 2,
             workspace: None,
         }
     }
@@ -66,22 +72,44 @@ impl VolumetricPlanner {
         Self { config, grid: None, carved: 0 }
     }
 
-    fn new_grid(&self, state: &ScanState) -> VoxelGrid {
-        let (low, high) = state.cloud.bounding_box();
-        let workspace = self.config.workspace.unwrap_or(Workspace {
-            center_m: nalgebra::center(&low, &high).into(),
-            // The object may reach behind what was seen as far as it is wide.
-            half_m: (1.1 * (high - low).norm()).max(1e-3),
-        });
-        let voxel = self.config.voxel_px * state.camera.pixel_size(state.working_distance);
-        VoxelGrid::new(&Point3::from(workspace.center_m), workspace.half_m, voxel)
+    /// Memory held, bytes.
+    pub fn memory(&self) -> usize {
+        self.grid.as_ref().map_or(0, VoxelGrid::memory)
     }
 
-    fn score(&self, forecast: &Forecast, state: &ScanState, expected_points: f64, carves: bool) -> RankedView {
+    fn new_grid(&self, state: &ScanState) -> VoxelGrid {
+        let workspace = self.config.workspace.unwrap_or_else(|| {
+            let (low, high) = state.cloud.bounding_box();
+            // The object may reach behind what was seen as far as it is wide.
+            Workspace { center_m: nalgebra::center(&low, &high).into(), half_m: 1.1 * (high - low).norm() }
+        });
+        let pixel = state.camera.pixel_size(state.working_distance).max(state.grid_size);
+        let voxel = (self.config.voxel_px * pixel).max(f64::MIN_POSITIVE);
+        VoxelGrid::new(&Point3::from(workspace.center_m), workspace.half_m.max(voxel), voxel)
+    }
+
+    /// The grid with all scans in it.
+    fn carved_grid(&mut self, state: &ScanState) -> VoxelGrid {
+        let bounded = self.config.workspace.is_some();
+        let kept = self
+            .grid
+            .take()
+            .filter(|grid| self.carved <= state.scans.len() && (bounded || grid.holds(&state.cloud.points)));
+        let mut grid = kept.unwrap_or_else(|| {
+            self.carved = 0;
+            self.new_grid(state)
+        });
+        for scan in &state.scans[self.carved..] {
+            grid.carve(scan);
+        }
+        self.carved = state.scans.len();
+        grid
+    }
+
+    fn score(&self, view: View, forecast: &Forecast, covered: f64, total: f64, carves: bool) -> RankedView {
         // Hidden pixels bound the gain from above; they mean nothing where misses do not carve.
         let new = if carves { (forecast.hidden + forecast.expected) / 2.0 } else { forecast.expected };
-        let gain = new / expected_points;
-        let covered = state.cloud.len() as f64 / expected_points;
+        let gain = new / total;
         let overlap = forecast.overlap();
         let weight = 1.0 / (1.0 + (-10.0 * (covered - self.config.weight_center)).exp());
         let score = if self.config.gain_only {
@@ -89,7 +117,7 @@ impl VolumetricPlanner {
         } else {
             weight * (covered + gain) + (1.0 - weight) * overlap.map_or(0.0, overlap_response)
         };
-        RankedView { view: forecast.view, score, gain: Some(gain), overlap }
+        RankedView { view, score, gain: Some(gain), overlap }
     }
 }
 
@@ -99,30 +127,25 @@ impl Planner for VolumetricPlanner {
     }
 
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
-        if state.scans.is_empty() || state.cloud.is_empty() || !state.cloud.has_normals() {
+        let cloud = &state.cloud;
+        if state.scans.is_empty() || cloud.is_empty() || !cloud.has_normals() {
             return Vec::new();
         }
-        let mut grid = match self.grid.take() {
-            Some(grid) if self.carved <= state.scans.len() => grid,
-            _ => {
-                self.carved = 0;
-                self.new_grid(state)
-            }
-        };
-        for scan in &state.scans[self.carved..] {
-            grid.carve(scan);
-        }
-        self.carved = state.scans.len();
-        grid.set_cloud(&state.cloud);
-        grid.relax();
+        let near = NeighborGrid::new(&cloud.points, 2.0 * state.grid_size)
+            .neighborhoods(cloud.len(), self.config.candidates.boundary.neighbors);
+        let candidates = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
+        let mut grid = self.carved_grid(state);
+        grid.set_cloud(cloud);
+        grid.estimate_covered(cloud, &near, state.tolerance);
+        let per_voxel = (grid.voxel / state.grid_size.max(f64::MIN_POSITIVE)).powi(2);
+        let total = cloud.len() as f64 + 0.8 * grid.relax() as f64 * per_voxel;
+        let covered = cloud.len() as f64 / total;
         let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
-        let per_voxel = (grid.voxel / state.grid_size.max(1e-9)).powi(2);
-        let expected_points = state.cloud.len() as f64 + 0.8 * grid.expected_surface() as f64 * per_voxel;
-        let surface = SampledSurface::new(&grid, &state.cloud, state.tolerance);
-        let candidates = candidate_views(&state.cloud, state.working_distance, &self.config.candidates, rng);
+        let leaps = Leaps::new(&grid);
+        let stride = self.config.stride_px.max(1);
         let mut ranked: Vec<RankedView> = candidates
             .iter()
-            .map(|c| self.score(&forecast(&grid, &surface, &state.camera, c.view), state, expected_points, carves))
+            .map(|c| self.score(c.view, &leaps.forecast(&state.camera, &c.view, stride), covered, total, carves))
             .collect();
         let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < self.config.min_overlap;
         ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));

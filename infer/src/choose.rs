@@ -1,8 +1,11 @@
 //! Which planner the evidence allows, and why.
 
-use crate::config::PlannerName;
+use crate::config::{InferConfig, PlannerName};
 use crate::farthest::FarthestPlanner;
-use geometry::{Angles, CandidateConfig, Misses, Planner, RankedView, ScanState, Seen, VolumetricPlanner};
+use geometry::{
+    Angles, CandidateConfig, Misses, Planner, RankedView, ScanState, Seen, VolumetricConfig, VolumetricPlanner,
+    Workspace,
+};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -89,11 +92,13 @@ pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Resu
     match asked {
         PlannerName::Volumetric if evidence == Evidence::Clouds => Err(ChooseError::NoCameras),
         PlannerName::BenbvNet if !has_network => Err(ChooseError::NoWeights),
-        // Free space carved along past rays beats the network by far (planner, section 1).
-        PlannerName::Auto if evidence != Evidence::Clouds => choice(
-            PlannerName::Volumetric,
-            format!("there are {has}, so the space seen to be free is known and what is hidden can be expected"),
-        ),
+        PlannerName::Auto if evidence != Evidence::Clouds => {
+            let carves = match evidence {
+                Evidence::DepthWithBackground => "seen and unseen space are told apart",
+                _ => "space is known to be free up to the points seen",
+            };
+            choice(PlannerName::Volumetric, format!("there are {has}, so {carves}"))
+        }
         PlannerName::Auto if has_network => choice(
             PlannerName::BenbvNet,
             format!("there are {has}, so the past directions are not known and the network ranks"),
@@ -111,10 +116,10 @@ pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Resu
 /// Why the planner asked for cannot be had.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ChooseError {
-    /// `volumetric` without the cameras of the scans.
+    /// `volumetric` where the camera of a scan is unknown.
     #[error(
-        "planner volumetric needs the camera of every scan: give --from X,Y,Z for each cloud or --pose for each depth \
-         image; or use --planner auto"
+        "planner volumetric needs the camera position of every scan: give --from x,y,z with each --scan, or --pose with \
+         each --depth; or use --planner auto"
     )]
     NoCameras,
     /// `benbv-net` without weights.
@@ -131,9 +136,14 @@ pub(crate) struct Planners {
 }
 
 impl Planners {
-    pub fn new(network: Option<Network>) -> Self {
+    pub fn new(network: Option<Network>, config: &InferConfig) -> Self {
         let candidates = CandidateConfig { angles: Angles::All, ..Default::default() };
-        Self { network, farthest: FarthestPlanner { candidates }, volumetric: VolumetricPlanner::default() }
+        let workspace = config.region_m.map(|[low, high]| Workspace {
+            center_m: [0, 1, 2].map(|k| (low[k] + high[k]) / 2.0),
+            half_m: [0, 1, 2].map(|k| (high[k] - low[k]) / 2.0).into_iter().fold(0.0, f64::max),
+        });
+        let volumetric = VolumetricConfig { candidates: candidates.clone(), workspace, ..Default::default() };
+        Self { network, farthest: FarthestPlanner { candidates }, volumetric: VolumetricPlanner::new(volumetric) }
     }
 
     /// Forget what was remembered of the object.
@@ -192,7 +202,7 @@ mod tests {
     #[test]
     fn what_cannot_work_is_refused_with_the_way_out() {
         let refused = |asked, evidence, network| choose(asked, evidence, network).expect_err("must refuse").to_string();
-        assert!(refused(PlannerName::Volumetric, Evidence::Clouds, true).contains("--planner auto"));
+        assert!(refused(PlannerName::Volumetric, Evidence::Clouds, true).contains("--from"));
         assert!(refused(PlannerName::BenbvNet, Evidence::Depth, false).contains("--weights"));
         let choice = choose(PlannerName::Farthest, Evidence::Depth, true).expect("farthest always works");
         assert_eq!(choice.planner, PlannerName::Farthest, "what is asked for is taken");

@@ -55,7 +55,8 @@ impl Session {
     /// A setting out of range.
     pub fn new(config: InferConfig, network: Option<Network>) -> Result<Self, SessionError> {
         config.check()?;
-        Ok(Self { config, planners: Planners::new(network), scans: Vec::new(), state: ScanState::default() })
+        let planners = Planners::new(network, &config);
+        Ok(Self { config, planners, scans: Vec::new(), state: ScanState::default() })
     }
 
     /// The settings.
@@ -69,6 +70,7 @@ impl Session {
     /// A setting out of range: the old ones stay.
     pub fn configure(&mut self, config: InferConfig) -> Result<(), SessionError> {
         config.check()?;
+        self.planners = Planners::new(self.planners.network.take(), &config);
         self.config = config;
         self.rebuild();
         Ok(())

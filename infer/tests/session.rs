@@ -1,7 +1,7 @@
 //! The session: what a user relies on, whatever planner decides.
 
 use geometry::{PointCloud, rng};
-use infer::{Answer, Constraint, InferConfig, PlannerName, Scan, Session, SessionError};
+use infer::{Answer, Constraint, Evidence, InferConfig, PlannerName, Scan, Session, SessionError};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand::Rng;
 
@@ -84,7 +84,12 @@ fn answers_repeat() {
 
 #[test]
 fn undo_and_reset_lead_back() {
-    let mut session = Session::new(farthest(), None).expect("default settings");
+    lead_back(farthest());
+    lead_back(InferConfig { planner: PlannerName::Volumetric, ..Default::default() });
+}
+
+fn lead_back(config: InferConfig) {
+    let mut session = Session::new(config, None).expect("default settings");
     session.add_scan(scan(cap(3_000), Some(camera()))).expect("a scan");
     let before = session.next_view().expect("an answer");
     let other: Vec<_> = cap(3_000).iter().map(|p| Point3::new(p.z, p.x, p.y)).collect();
@@ -96,6 +101,24 @@ fn undo_and_reset_lead_back() {
     session.reset();
     assert_eq!(session.next_view(), Err(SessionError::NoScan), "nothing left to plan on");
     assert!(!session.undo(), "nothing to undo");
+}
+
+#[test]
+fn known_cameras_let_auto_carve() {
+    let auto = |scans| ask(InferConfig::default(), scans).expect("an answer");
+    let with = auto(vec![scan(cap(3_000), Some(camera()))]);
+    assert_eq!((with.planner.as_str(), with.evidence), ("volumetric", Evidence::CameraPositions), "carves");
+    assert!(with.planner_reason.contains("camera positions"), "{}", with.planner_reason);
+    let next = with.next.expect("a view");
+    // The far side of the ball is unseen, and promises new surface.
+    let toward = (Point3::from(next.position_m) - Point3::origin()).normalize();
+    assert!(toward.z < 0.85, "from {toward}");
+    assert!(next.expected_gain.is_some_and(|g| g > 0.05) && next.expected_overlap.is_some(), "{next:?}");
+    let half = auto(vec![scan(cap(3_000), Some(camera())), scan(cap(2_000), None)]);
+    assert_eq!((half.planner.as_str(), half.evidence), ("farthest", Evidence::Clouds), "one camera is unknown");
+    let volumetric = InferConfig { planner: PlannerName::Volumetric, ..Default::default() };
+    let error = ask(volumetric, vec![scan(cap(3_000), None)]).expect_err("no camera").to_string();
+    assert!(error.contains("--from"), "{error}");
 }
 
 #[test]

@@ -1,191 +1,263 @@
-//! Voxels that past scans found free or on the surface, and the membrane that closes the surface in the unknown.
+//! Voxels that past scans found free or on the surface.
+//!
+//! Flat arrays with the voxels' coordinates x fastest, each axis padded by free voxels so that no neighbour needs a
+//! bounds test.
 
-use crate::{Misses, PastScan, PointCloud, Seen};
-use nalgebra::{Point3, Vector3};
+use crate::{DepthImage, Misses, PastScan, PinholeCamera, PointCloud, Seen};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Voxels along an axis are this many at most: 2 million voxels, 20 MB.
-const MAX_SIDE: usize = 128;
-/// Sweeps of the membrane per decision, and its over-relaxation.
-const SWEEPS: usize = 40;
-const OMEGA: f32 = 1.8;
+const MAX_SIDE: usize = 124;
+/// Edge of a block in voxels.
+pub(super) const BLOCK: usize = 4;
 
-/// What is known of a voxel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Voxel {
-    /// Never seen.
-    Unknown,
-    /// Seen through.
-    Free,
-    /// Holds measured points.
-    Surface,
-}
+/// Seen through.
+pub(super) const FREE: u8 = 0;
+/// Never seen, and expected to be empty.
+pub(super) const HOLLOW: u8 = 1;
+/// Never seen, and expected inside the object.
+pub(super) const SOLID: u8 = 2;
+/// Holds measured points.
+pub(super) const SURFACE: u8 = 3;
 
 /// A cube of voxels.
 #[derive(Clone, Debug)]
 pub(super) struct VoxelGrid {
     /// Edge of a voxel, metres.
     pub(super) voxel: f64,
-    /// Voxels along each axis.
+    /// Voxels along each axis with the padding; a multiple of [`BLOCK`].
     pub(super) side: usize,
+    /// Voxels along each axis without it.
+    inner: usize,
+    /// Corner of the padded cube.
     low: Point3<f64>,
-    pub(super) state: Vec<Voxel>,
-    /// Expected inside above 0.5, outside below.
+    /// [`FREE`], [`HOLLOW`], [`SOLID`] or [`SURFACE`].
+    pub(super) code: Vec<u8>,
+    /// The membrane: 0 in free voxels, 0.5 in the surface, up to 1 inside.
     pub(super) chi: Vec<f32>,
-    /// Sum of the cloud's normals per voxel.
-    pub(super) normal: Vec<Vector3<f32>>,
-    unknown: Vec<u32>,
+    /// Place of a surface voxel in `surface`.
+    slot: Vec<u32>,
+    /// Voxels never seen, rising.
+    pub(super) unknown: Vec<u32>,
+    /// Surface voxels, as they came.
+    pub(super) surface: Vec<SurfaceVoxel>,
+}
+
+/// What is known of a surface voxel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SurfaceVoxel {
+    pub(super) index: u32,
+    /// Sum of the normals of the cloud's points in it; of those around it where it has none.
+    pub(super) normal: [f32; 3],
+    /// Share of the surface in it that the cloud covers within the tolerance.
+    pub(super) covered: f32,
 }
 
 impl VoxelGrid {
     pub(super) fn new(center: &Point3<f64>, half: f64, voxel: f64) -> Self {
         let voxel = voxel.max(2.0 * half / MAX_SIDE as f64);
-        let side = ((2.0 * half / voxel).ceil() as usize).clamp(2, MAX_SIDE);
+        let inner = ((2.0 * half / voxel).ceil() as usize).clamp(2, MAX_SIDE);
+        let side = (inner + 2).next_multiple_of(BLOCK);
         let n = side.pow(3);
-        let low = center - Vector3::repeat(side as f64 * voxel / 2.0);
-        Self {
+        let low = center - Vector3::repeat((inner + 2) as f64 * voxel / 2.0);
+        let mut grid = Self {
             voxel,
             side,
+            inner,
             low,
-            state: vec![Voxel::Unknown; n],
+            code: vec![FREE; n],
             chi: vec![0.0; n],
-            normal: vec![Vector3::zeros(); n],
-            unknown: Vec::new(),
+            slot: vec![u32::MAX; n],
+            unknown: Vec::with_capacity(inner.pow(3)),
+            surface: Vec::new(),
+        };
+        for z in 1..=inner {
+            for y in 1..=inner {
+                let row = (z * side + y) * side;
+                grid.code[row + 1..=row + inner].fill(HOLLOW);
+                grid.unknown.extend((row + 1..=row + inner).map(|i| i as u32));
+            }
         }
+        grid
+    }
+
+    /// Bytes held.
+    pub(super) fn memory(&self) -> usize {
+        9 * self.code.len() + 4 * self.unknown.capacity() + size_of::<SurfaceVoxel>() * self.surface.capacity()
+    }
+
+    /// A point in voxel coordinates: voxel (x, y, z) reaches from there to one more.
+    pub(super) fn local(&self, p: &Point3<f64>) -> [f32; 3] {
+        [0, 1, 2].map(|k| ((p[k] - self.low[k]) / self.voxel) as f32)
     }
 
     /// The voxel that holds a point; `None` outside of the cube.
     pub(super) fn index(&self, p: &Point3<f64>) -> Option<usize> {
-        let c = (p - self.low) / self.voxel;
-        let side = self.side as f64;
-        if !c.iter().all(|&x| x >= 0.0 && x < side) {
+        let c = self.local(p);
+        let end = (self.inner + 1) as f32;
+        if !c.iter().all(|&x| x >= 1.0 && x < end) {
             return None;
         }
-        Some((c.z as usize * self.side + c.y as usize) * self.side + c.x as usize)
+        Some((c[2] as usize * self.side + c[1] as usize) * self.side + c[0] as usize)
     }
 
-    /// Middle of a voxel.
-    pub(super) fn center(&self, index: usize) -> Point3<f64> {
-        let s = self.side;
-        let cell = Vector3::new((index % s) as f64, (index / s % s) as f64, (index / (s * s)) as f64);
-        self.low + (cell + Vector3::repeat(0.5)) * self.voxel
+    /// Coordinates of a voxel.
+    pub(super) fn coordinates(&self, index: u32) -> [usize; 3] {
+        let (i, s) = (index as usize, self.side);
+        [i % s, i / s % s, i / (s * s)]
+    }
+
+    /// Whether all these points lie in the cube, a few voxels from its faces.
+    pub(super) fn holds(&self, points: &[Point3<f64>]) -> bool {
+        let (first, last) = (3.0, (self.inner - 1) as f32);
+        points.iter().all(|p| self.local(p).iter().all(|&x| (x >= first && x < last) || !x.is_finite()))
+    }
+
+    /// Place of a surface voxel in `surface`; `None` for other voxels.
+    pub(super) fn slot_of(&self, index: usize) -> Option<usize> {
+        (self.code[index] == SURFACE).then(|| self.slot[index] as usize)
+    }
+
+    /// What a surface voxel holds; `None` in other voxels.
+    pub(super) fn surface_at(&self, index: usize) -> Option<&SurfaceVoxel> {
+        self.surface.get(self.slot[index] as usize)
     }
 
     /// Takes in what a scan saw: free space along its rays, surface at their ends.
     pub(super) fn carve(&mut self, scan: &PastScan) {
-        let margin = 0.75 * self.voxel;
-        let points = match &scan.seen {
+        match &scan.seen {
             Seen::Depth { camera, depth, misses } => {
-                let camera_from_world = scan.world_from_camera.inverse();
-                for i in 0..self.state.len() {
-                    if self.state[i] != Voxel::Unknown {
-                        continue;
-                    }
-                    let p = camera_from_world * self.center(i);
-                    if p.z <= 0.0 {
-                        continue;
-                    }
-                    let pixel = camera.project(&p);
-                    let (u, v) = (pixel.x.round(), pixel.y.round());
-                    if u < 0.0 || v < 0.0 || u >= f64::from(camera.width) || v >= f64::from(camera.height) {
-                        continue;
-                    }
-                    let free = match depth.at(u as u32, v as u32) {
-                        Some(z) => p.z < f64::from(z) - margin,
-                        None => *misses == Misses::Free,
-                    };
-                    if free {
-                        self.state[i] = Voxel::Free;
-                    }
-                }
-                depth.to_points(camera, &scan.world_from_camera)
+                self.carve_depth(&scan.world_from_camera, camera, depth, *misses);
+                depth.for_each_point(camera, &scan.world_from_camera, |p| self.mark_surface(&p));
             }
             Seen::Points(points) => {
-                let eye = Point3::from(scan.world_from_camera.translation.vector);
-                for p in points {
-                    let ray = p - eye;
-                    let length = ray.norm();
-                    if !(length > margin && length.is_finite()) {
-                        continue;
-                    }
-                    // No farther back than the cube's diagonal.
-                    let reach = length.min(2.0 * self.side as f64 * self.voxel);
-                    let mut back = margin;
-                    while back < reach {
-                        if let Some(i) = self.index(&(p - ray * (back / length)))
-                            && self.state[i] == Voxel::Unknown
-                        {
-                            self.state[i] = Voxel::Free;
-                        }
-                        back += 0.5 * self.voxel;
+                self.carve_rays(&Point3::from(scan.world_from_camera.translation.vector), points);
+                points.iter().for_each(|p| self.mark_surface(p));
+            }
+        }
+        let code = &self.code;
+        self.unknown.retain(|&i| matches!(code[i as usize], HOLLOW | SOLID));
+    }
+
+    fn mark_surface(&mut self, p: &Point3<f64>) {
+        let Some(i) = self.index(p) else { return };
+        if self.code[i] != SURFACE {
+            self.code[i] = SURFACE;
+            self.chi[i] = 0.5;
+            self.slot[i] = self.surface.len() as u32;
+            self.surface.push(SurfaceVoxel { index: i as u32, normal: [0.0; 3], covered: 1.0 });
+        }
+    }
+
+    fn free(code: &mut [u8], chi: &mut [f32], i: usize) {
+        if code[i] != SURFACE {
+            code[i] = FREE;
+            chi[i] = 0.0;
+        }
+    }
+
+    /// Unknown voxels whose middle is nearer than the depth of its pixel are free; on a miss all, if misses mean that.
+    fn carve_depth(&mut self, pose: &Isometry3<f64>, camera: &PinholeCamera, depth: &DepthImage, misses: Misses) {
+        let camera_from_world = pose.inverse();
+        let rotation = camera_from_world.rotation.to_rotation_matrix();
+        let corner = camera_from_world * (self.low + Vector3::repeat(0.5 * self.voxel));
+        let corner = [0, 1, 2].map(|k| corner[k] as f32);
+        let axis = |a: usize| [0, 1, 2].map(|k| (rotation[(k, a)] * self.voxel) as f32);
+        let axes = [axis(0), axis(1), axis(2)];
+        let margin = (0.75 * self.voxel) as f32;
+        let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5].map(|x| x as f32);
+        let (width, height) = (camera.width as f32, camera.height as f32);
+        let [x0, y0] = depth.origin.map(|x| x as usize);
+        let [columns, rows] = depth.size.map(|x| x as usize);
+        let on_miss = misses == Misses::Free;
+        for &i in &self.unknown {
+            let cell = self.coordinates(i).map(|x| x as f32);
+            let at = |k: usize| corner[k] + cell[0] * axes[0][k] + cell[1] * axes[1][k] + cell[2] * axes[2][k];
+            let z = at(2);
+            if z <= 0.0 {
+                continue;
+            }
+            let inverse = 1.0 / z;
+            let (u, v) = (fx * at(0) * inverse + cx, fy * at(1) * inverse + cy);
+            if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
+                continue;
+            }
+            let (column, row) = ((u as usize).wrapping_sub(x0), (v as usize).wrapping_sub(y0));
+            let measured = if column < columns && row < rows { depth.depth[row * columns + column] } else { 0.0 };
+            if if measured > 0.0 { z < measured - margin } else { on_miss } {
+                Self::free(&mut self.code, &mut self.chi, i as usize);
+            }
+        }
+    }
+
+    /// Voxels on the rays from the camera to the points are free.
+    fn carve_rays(&mut self, eye: &Point3<f64>, points: &[Point3<f64>]) {
+        let margin = 0.75 * self.voxel;
+        for p in points {
+            let ray = p - eye;
+            let length = ray.norm();
+            if !(length > margin && length.is_finite()) {
+                continue;
+            }
+            // No farther back than the cube's diagonal.
+            let reach = length.min(2.0 * self.side as f64 * self.voxel);
+            let mut back = margin;
+            while back < reach {
+                if let Some(i) = self.index(&(p - ray * (back / length))) {
+                    Self::free(&mut self.code, &mut self.chi, i);
+                }
+                back += 0.5 * self.voxel;
+            }
+        }
+    }
+
+    /// Takes the accumulated cloud: its voxels are surface, with its normals, and right behind it is the inside.
+    pub(super) fn set_cloud(&mut self, cloud: &PointCloud) {
+        for s in &mut self.surface {
+            s.normal = [0.0; 3];
+        }
+        for &i in &self.unknown {
+            self.code[i as usize] = HOLLOW;
+        }
+        let normals = || cloud.normals.iter().map(|n| n.try_normalize(0.0));
+        for (p, n) in cloud.points.iter().zip(normals()) {
+            let (Some(n), Some(i)) = (n, self.index(p)) else { continue };
+            self.mark_surface(p);
+            let sum = &mut self.surface[self.slot[i] as usize].normal;
+            sum.iter_mut().zip(n.iter()).for_each(|(sum, &n)| *sum += n as f32);
+        }
+        for (p, n) in cloud.points.iter().zip(normals()) {
+            let Some(n) = n else { continue };
+            if let Some(i) = self.index(&(p - n * (1.5 * self.voxel)))
+                && self.code[i] == HOLLOW
+            {
+                self.code[i] = SOLID;
+                self.chi[i] = 1.0;
+            }
+        }
+        self.borrow_normals();
+    }
+
+    /// Voxels that a scan touched but whose points were averaged into others take the normals around them.
+    fn borrow_normals(&mut self) {
+        let bare = |s: &SurfaceVoxel| s.normal == [0.0; 3];
+        let s = self.side;
+        let borrowed: Vec<(usize, [f32; 3])> = (0..self.surface.len())
+            .filter(|&k| bare(&self.surface[k]))
+            .map(|k| {
+                let low = self.surface[k].index as usize - (s * s + s + 1);
+                let mut sum = [0.0; 3];
+                for j in 0..27 {
+                    let around = low + j % 3 + (j / 3 % 3) * s + (j / 9) * s * s;
+                    if let Some(other) = self.surface_at(around) {
+                        sum.iter_mut().zip(other.normal).for_each(|(sum, n)| *sum += n);
                     }
                 }
-                points.clone()
-            }
-        };
-        for i in points.iter().filter_map(|p| self.index(p)).collect::<Vec<_>>() {
-            self.state[i] = Voxel::Surface;
+                (k, sum)
+            })
+            .collect();
+        for (k, normal) in borrowed {
+            self.surface[k].normal = normal;
         }
-    }
-
-    /// Takes the accumulated cloud's normals, and prepares the membrane: inside right behind the cloud.
-    pub(super) fn set_cloud(&mut self, cloud: &PointCloud) {
-        self.normal.fill(Vector3::zeros());
-        let mut inside = vec![false; self.state.len()];
-        for (p, n) in cloud.points.iter().zip(&cloud.normals) {
-            let Some(n) = n.try_normalize(0.0) else { continue };
-            if let Some(i) = self.index(p) {
-                self.state[i] = Voxel::Surface;
-                self.normal[i] += n.cast::<f32>();
-            }
-            if let Some(i) = self.index(&(p - n * (1.5 * self.voxel))) {
-                inside[i] = true;
-            }
-        }
-        self.unknown.clear();
-        for i in 0..self.state.len() {
-            match self.state[i] {
-                Voxel::Free => self.chi[i] = 0.0,
-                Voxel::Surface => self.chi[i] = 0.5,
-                Voxel::Unknown if inside[i] => self.chi[i] = 1.0,
-                Voxel::Unknown => self.unknown.push(i as u32),
-            }
-        }
-    }
-
-    /// Relaxes the membrane from where it was; outside of the cube it is 0.
-    pub(super) fn relax(&mut self) {
-        let unknown = std::mem::take(&mut self.unknown);
-        let s = self.side;
-        let sweep = |chi: &mut [f32], i: usize| {
-            let (x, y, z) = (i % s, i / s % s, i / (s * s));
-            let mut sum = 0.0;
-            for (at, step) in [(x, 1), (y, s), (z, s * s)] {
-                sum += if at > 0 { chi[i - step] } else { 0.0 };
-                sum += if at + 1 < s { chi[i + step] } else { 0.0 };
-            }
-            chi[i] += OMEGA * (sum / 6.0 - chi[i]);
-        };
-        for round in 0..SWEEPS {
-            if round % 2 == 0 {
-                unknown.iter().for_each(|&i| sweep(&mut self.chi, i as usize));
-            } else {
-                unknown.iter().rev().for_each(|&i| sweep(&mut self.chi, i as usize));
-            }
-        }
-        self.unknown = unknown;
-    }
-
-    /// Number of unknown voxels in which the membrane passes.
-    pub(super) fn expected_surface(&self) -> usize {
-        let s = self.side;
-        let passes = |&&i: &&u32| {
-            let i = i as usize;
-            let (x, y, z) = (i % s, i / s % s, i / (s * s));
-            self.chi[i] > 0.5
-                && [(x, 1), (y, s), (z, s * s)]
-                    .iter()
-                    .any(|&(at, step)| (at > 0 && self.chi[i - step] < 0.5) || (at + 1 < s && self.chi[i + step] < 0.5))
-        };
-        self.unknown.iter().filter(passes).count()
     }
 }

@@ -47,17 +47,27 @@ fn the_other_side_of_a_ball_is_expected_and_chosen() {
     }
 }
 
+/// The grid after the state's scans, ready to be looked through.
+fn prepared(state: &ScanState) -> VoxelGrid {
+    let mut grid = VolumetricPlanner::default().carved_grid(state);
+    let near = NeighborGrid::new(&state.cloud.points, 0.0).neighborhoods(state.cloud.len(), 30);
+    grid.set_cloud(&state.cloud);
+    grid.estimate_covered(&state.cloud, &near, state.tolerance);
+    grid.relax();
+    grid
+}
+
+fn from_z(z: f64) -> View {
+    View { target: Point3::origin(), position: Point3::new(0.0, 0.0, z) }
+}
+
 #[test]
 fn a_view_from_the_same_place_overlaps_wholly() {
     let state = ball(Misses::Free);
-    let mut grid = VolumetricPlanner::default().new_grid(&state);
-    grid.carve(&state.scans[0]);
-    grid.set_cloud(&state.cloud);
-    grid.relax();
-    let surface = SampledSurface::new(&grid, &state.cloud, state.tolerance);
-    let view = |z| View { target: Point3::origin(), position: Point3::new(0.0, 0.0, z) };
-    let same = forecast(&grid, &surface, &state.camera, view(1.2));
-    let behind = forecast(&grid, &surface, &state.camera, view(-1.2));
+    let grid = prepared(&state);
+    let leaps = Leaps::new(&grid);
+    let same = leaps.forecast(&state.camera, &from_z(1.2), 2);
+    let behind = leaps.forecast(&state.camera, &from_z(-1.2), 2);
     assert!(same.overlap().unwrap() > 0.9, "{same:?}");
     assert!(behind.overlap().unwrap() < 0.2 && behind.expected > 500.0, "{behind:?}");
 }

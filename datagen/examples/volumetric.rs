@@ -1,0 +1,307 @@
+//! The volumetric planner, measured: processor time per decision, or what it predicts beside what a scan would bring.
+//!
+//! ```text
+//! cargo run --release -p datagen --example volumetric -- speed
+//! cargo run --release -p datagen --example volumetric -- prediction --objects 8 --set weight_center=0.5
+//! cargo run --release -p datagen --example volumetric -- prediction bunny.obj horse.obj --evidence points
+//! ```
+
+use anyhow::{Context, Result, ensure};
+use clap::{Parser, ValueEnum};
+use datagen::{Decision, Episode, EpisodeConfig, RenderConfig, Scene, SearchConfig, run_episode_with, score_views};
+use geometry::rng::stream;
+use geometry::sampling::poisson_disk_sample;
+use geometry::{
+    CandidateConfig, Mesh, Misses, PastScan, Planner, RankedView, ScanState, Seen, VolumetricConfig, VolumetricPlanner,
+};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+#[derive(Parser)]
+struct Arguments {
+    /// `speed`: no truth is computed; `prediction`: with the true gain and overlap of all candidates.
+    mode: Mode,
+    /// Mesh files; without any, procedural objects.
+    meshes: Vec<PathBuf>,
+    /// Number of procedural objects.
+    #[arg(long, default_value_t = 6)]
+    objects: u64,
+    /// Episodes per object.
+    #[arg(long, default_value_t = 1)]
+    episodes: u64,
+    /// Working distance, metres.
+    #[arg(long, default_value_t = 1.2)]
+    distance: f64,
+    /// Standard deviation of depth at 1.2 m, metres; 0: none.
+    #[arg(long, default_value_t = 0.0)]
+    noise: f64,
+    /// What the planner is told of past scans.
+    #[arg(long, default_value = "free")]
+    evidence: Evidence,
+    /// Settings of the planner, TOML.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Mode {
+    Speed,
+    Prediction,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Evidence {
+    /// Depth images whose misses are free space.
+    Free,
+    /// Depth images whose misses mean nothing.
+    Unknown,
+    /// Points and camera positions.
+    Points,
+}
+
+/// The planner, told less than there is, and timed.
+struct Told {
+    inner: VolumetricPlanner,
+    evidence: Evidence,
+    seconds: Vec<f64>,
+    memory: usize,
+}
+
+impl Planner for Told {
+    fn name(&self) -> &str {
+        self.inner.name()
+    }
+
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        let mut state = state.clone();
+        for scan in &mut state.scans {
+            self.evidence.weaken(scan);
+        }
+        let start = cpu_seconds();
+        let ranked = self.inner.rank_views(&state, rng);
+        self.seconds.push(cpu_seconds() - start);
+        self.memory = self.memory.max(self.inner.memory());
+        ranked
+    }
+
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}
+
+impl Evidence {
+    fn weaken(self, scan: &mut PastScan) {
+        let Seen::Depth { camera, depth, misses } = &mut scan.seen else { return };
+        match self {
+            Evidence::Free => {}
+            Evidence::Unknown => *misses = Misses::Unknown,
+            Evidence::Points => {
+                let points = depth.to_points(camera, &scan.world_from_camera);
+                scan.seen = Seen::Points(points);
+            }
+        }
+    }
+}
+
+/// Processor time of this thread (Linux); wall time elsewhere.
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    match text.split_whitespace().next().and_then(|t| t.parse::<f64>().ok()) {
+        Some(nanoseconds) => nanoseconds * 1e-9,
+        None => std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64()),
+    }
+}
+
+/// A decision's candidates, predicted and true.
+#[derive(Clone, Default)]
+struct Compared {
+    view: usize,
+    gains: Vec<[f64; 2]>,
+    overlaps: Vec<[f64; 2]>,
+    chosen_overlap: Option<[f64; 2]>,
+    /// True gain of the candidate of the largest predicted one over the largest.
+    regret: Option<f64>,
+}
+
+struct Outcome {
+    name: String,
+    episode: Episode,
+    compared: Vec<Compared>,
+    seconds: Vec<f64>,
+    memory: usize,
+}
+
+fn main() -> Result<()> {
+    let arguments = Arguments::parse();
+    let mut settings = toml::Table::try_from(VolumetricConfig::default())?;
+    for set in &arguments.set {
+        let table: toml::Table = set.parse().with_context(|| format!("--set {set}"))?;
+        settings.extend(table);
+    }
+    let config: VolumetricConfig = settings.try_into().context("--set")?;
+    let objects: Vec<(String, Mesh)> = match &arguments.meshes[..] {
+        [] => {
+            (0..arguments.objects).map(|i| (format!("procedural {i}"), datagen::procedural::mesh(0x5eed, i))).collect()
+        }
+        files => files
+            .iter()
+            .map(|f| {
+                Ok((f.file_stem().unwrap_or_default().to_string_lossy().into_owned(), formats::mesh::read_mesh(f)?))
+            })
+            .collect::<Result<_>>()?,
+    };
+    let jobs: Vec<(&(String, Mesh), u64)> =
+        objects.iter().flat_map(|object| (0..arguments.episodes).map(move |e| (object, e))).collect();
+    let outcomes: Vec<Outcome> = jobs
+        .into_par_iter()
+        .map(|((name, mesh), number)| run(name, mesh, number, &arguments, &config))
+        .collect::<Result<_>>()?;
+    report(&outcomes);
+    Ok(())
+}
+
+fn run(name: &str, mesh: &Mesh, number: u64, arguments: &Arguments, config: &VolumetricConfig) -> Result<Outcome> {
+    let mesh = mesh.normalized(0.2);
+    let samples = poisson_disk_sample(&mesh, 60_000, &mut stream(0, &format!("surface/{name}")));
+    ensure!(!samples.is_empty(), "{name}: the mesh has no surface");
+    let scene = Scene::new(mesh);
+    let noise = (arguments.noise > 0.0).then(|| datagen::NoiseConfig::axial(arguments.noise));
+    let episode_config = EpisodeConfig {
+        working_distance_m: arguments.distance,
+        render: RenderConfig { noise, ..RenderConfig::default() },
+        ..EpisodeConfig::default()
+    };
+    let search = SearchConfig::of(&episode_config, CandidateConfig::default());
+    let mut planner = Told {
+        inner: VolumetricPlanner::new(config.clone()),
+        evidence: arguments.evidence,
+        seconds: Vec::new(),
+        memory: 0,
+    };
+    let mut compared = Vec::new();
+    let episode = run_episode_with(
+        &scene,
+        &samples,
+        &mut planner,
+        &episode_config,
+        &mut stream(0, &format!("episode/{name}/{number}")),
+        |_, decision| {
+            if arguments.mode == Mode::Prediction {
+                compared.push(compare(&scene, decision, &search));
+            }
+        },
+    )
+    .with_context(|| name.to_owned())?;
+    Ok(Outcome { name: name.to_owned(), episode, compared, seconds: planner.seconds, memory: planner.memory })
+}
+
+fn compare(scene: &Scene, decision: &Decision, search: &SearchConfig) -> Compared {
+    let views: Vec<_> = decision.ranked.iter().map(|r| r.view).collect();
+    let (current, scores) = score_views(scene, decision.reference, decision.state, &views, search);
+    let pairs = || decision.ranked.iter().zip(&scores);
+    let gains: Vec<[f64; 2]> = pairs().filter_map(|(r, s)| Some([r.gain?, s.coverage - current])).collect();
+    let best = gains.iter().map(|g| g[1]).fold(0.0, f64::max);
+    let taken = gains.iter().max_by(|a, b| a[0].total_cmp(&b[0])).map(|g| g[1]);
+    Compared {
+        view: decision.index + 1,
+        overlaps: pairs().filter_map(|(r, s)| Some([r.overlap?, s.overlap?])).collect(),
+        chosen_overlap: pairs().next().and_then(|(r, s)| Some([r.overlap?, s.overlap?])),
+        regret: taken.filter(|_| best > 0.0).map(|t| t / best),
+        gains,
+    }
+}
+
+fn report(outcomes: &[Outcome]) {
+    let count = outcomes.len() as f64;
+    let mean = |of: &dyn Fn(&Outcome) -> f64| outcomes.iter().map(of).sum::<f64>() / count;
+    let views = |level: f64| mean(&|o| o.episode.views_to(level).unwrap_or(17) as f64);
+    let overlap = |i: usize| 100.0 * mean(&|o| o.episode.overlaps.get(i).copied().flatten().unwrap_or(0.0));
+    for o in outcomes {
+        let v90 = o.episode.views_to(0.9).map_or("-".to_owned(), |v| v.to_string());
+        let overlaps: Vec<_> =
+            o.episode.overlaps.iter().take(3).map(|o| format!("{:.0}", 100.0 * o.unwrap_or(0.0))).collect();
+        println!(
+            "{:24} v90 {v90:>2}  final {:.2}  overlaps {}",
+            o.name,
+            100.0 * o.episode.final_coverage(),
+            overlaps.join(" ")
+        );
+    }
+    let covered = mean(&|o| o.episode.final_coverage());
+    println!(
+        "\n{count} episodes: final {:.2} %  v50 {:.2}  v80 {:.2}  v90 {:.2}  efficiency {:.2}  overlaps {:.0} {:.0} {:.0}  cv3 {:.1}",
+        100.0 * covered,
+        views(0.5),
+        views(0.8),
+        views(0.9),
+        100.0 * covered / views(0.9),
+        overlap(0),
+        overlap(1),
+        overlap(2),
+        mean(&|o| cv3(&o.episode)),
+    );
+    println!(
+        "\nview  CPU ms | gain: rank correlation, of the best, predicted, true | overlap: predicted, true, error | of the chosen"
+    );
+    let last = outcomes.iter().map(|o| o.seconds.len()).max().unwrap_or(0);
+    for view in 1..=last {
+        let times: Vec<f64> = outcomes.iter().filter_map(|o| o.seconds.get(view - 1)).map(|s| 1e3 * s).collect();
+        print!("{view:4} {:7.1}", average(&times));
+        let at: Vec<&Compared> = outcomes.iter().flat_map(|o| &o.compared).filter(|c| c.view == view).collect();
+        if !at.is_empty() {
+            let of = |value: &dyn Fn(&Compared) -> Option<f64>| {
+                average(&at.iter().filter_map(|c| value(c)).collect::<Vec<_>>())
+            };
+            let side = |pairs: &[[f64; 2]], k: usize| {
+                (!pairs.is_empty()).then(|| average(&pairs.iter().map(|p| p[k]).collect::<Vec<_>>()))
+            };
+            let error = |pairs: &[[f64; 2]]| {
+                (!pairs.is_empty()).then(|| average(&pairs.iter().map(|p| (p[0] - p[1]).abs()).collect::<Vec<_>>()))
+            };
+            print!(
+                " | {:5.2} {:5.2} {:7.4} {:7.4} | {:5.3} {:5.3} {:5.3} | {:5.3} {:5.3}",
+                of(&|c| rank_correlation(&c.gains)),
+                of(&|c| c.regret),
+                of(&|c| side(&c.gains, 0)),
+                of(&|c| side(&c.gains, 1)),
+                of(&|c| side(&c.overlaps, 0)),
+                of(&|c| side(&c.overlaps, 1)),
+                of(&|c| error(&c.overlaps)),
+                of(&|c| c.chosen_overlap.map(|o| o[0])),
+                of(&|c| c.chosen_overlap.map(|o| o[1])),
+            );
+        }
+        println!();
+    }
+    let all: Vec<f64> = outcomes.iter().flat_map(|o| &o.seconds).map(|s| 1e3 * s).collect();
+    let memory = outcomes.iter().map(|o| o.memory).max().unwrap_or(0) as f64 / 1e6;
+    println!("\nCPU ms per decision: {:.1}; most memory of a planner {memory:.0} MB", average(&all));
+}
+
+fn average(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Standard deviation over mean of the first three overlaps, percent.
+fn cv3(episode: &Episode) -> f64 {
+    let first: Vec<f64> = episode.overlaps.iter().take(3).map(|o| o.unwrap_or(0.0)).collect();
+    let mean = average(&first);
+    let variance = average(&first.iter().map(|o| (o - mean).powi(2)).collect::<Vec<_>>());
+    if mean > 0.0 { 100.0 * variance.sqrt() / mean } else { 0.0 }
+}
+
+/// Spearman's, without regard to ties.
+fn rank_correlation(pairs: &[[f64; 2]]) -> Option<f64> {
+    let n = pairs.len();
+    let ranks = |k: usize| {
+        let mut order: Vec<usize> = (0..n).collect();
+        order.sort_by(|&a, &b| pairs[a][k].total_cmp(&pairs[b][k]));
+        let mut ranks = vec![0.0; n];
+        order.into_iter().enumerate().for_each(|(rank, i)| ranks[i] = rank as f64);
+        ranks
+    };
+    let squares: f64 = ranks(0).iter().zip(ranks(1)).map(|(a, b)| (a - b).powi(2)).sum();
+    let n = n as f64;
+    (n > 2.0).then(|| 1.0 - 6.0 * squares / (n * (n * n - 1.0)))
+}
