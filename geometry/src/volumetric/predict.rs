@@ -173,7 +173,7 @@ impl<'a> Leaps<'a> {
         let mut n = 0u32;
         loop {
             let t = start + n as f32 * STEP;
-            if !(t < leave) {
+            if t >= leave || t.is_nan() {
                 return Hit::Nothing { hidden };
             }
             let [x, y, z] = [0, 1, 2].map(|k| ((eye[k] + ray[k] * t).max(0.0) as usize).min(side - 1));
