@@ -117,6 +117,7 @@ fn cpu_seconds() -> f64 {
 #[derive(Clone, Default)]
 struct Compared {
     view: usize,
+    coverage: [f64; 2],
     gains: Vec<[f64; 2]>,
     overlaps: Vec<[f64; 2]>,
     chosen_overlap: Option<[f64; 2]>,
@@ -186,9 +187,9 @@ fn run(name: &str, mesh: &Mesh, number: u64, arguments: &Arguments, config: &Vol
         &mut planner,
         &episode_config,
         &mut stream(0, &format!("episode/{name}/{number}")),
-        |_, decision| {
+        |planner, decision| {
             if arguments.mode == Mode::Prediction {
-                compared.push(compare(&scene, decision, &search));
+                compared.push(compare(&scene, planner.inner.coverage(), decision, &search));
             }
         },
     )
@@ -196,7 +197,7 @@ fn run(name: &str, mesh: &Mesh, number: u64, arguments: &Arguments, config: &Vol
     Ok(Outcome { name: name.to_owned(), episode, compared, seconds: planner.seconds, memory: planner.memory })
 }
 
-fn compare(scene: &Scene, decision: &Decision, search: &SearchConfig) -> Compared {
+fn compare(scene: &Scene, coverage: f64, decision: &Decision, search: &SearchConfig) -> Compared {
     let views: Vec<_> = decision.ranked.iter().map(|r| r.view).collect();
     let (current, scores) = score_views(scene, decision.reference, decision.state, &views, search);
     let pairs = || decision.ranked.iter().zip(&scores);
@@ -205,6 +206,7 @@ fn compare(scene: &Scene, decision: &Decision, search: &SearchConfig) -> Compare
     let taken = gains.iter().max_by(|a, b| a[0].total_cmp(&b[0])).map(|g| g[1]);
     Compared {
         view: decision.index + 1,
+        coverage: [coverage, current],
         overlaps: pairs().filter_map(|(r, s)| Some([r.overlap?, s.overlap?])).collect(),
         chosen_overlap: pairs().next().and_then(|(r, s)| Some([r.overlap?, s.overlap?])),
         regret: taken.filter(|_| best > 0.0).map(|t| t / best),
@@ -242,7 +244,7 @@ fn report(outcomes: &[Outcome]) {
         mean(&|o| cv3(&o.episode)),
     );
     println!(
-        "\nview  CPU ms | gain: rank correlation, of the best, predicted, true | overlap: predicted, true, error | of the chosen"
+        "\nview  CPU ms | coverage: estimated, true | gain: rank correlation, of the best, predicted, true | overlap: predicted, true, error | of the chosen"
     );
     let last = outcomes.iter().map(|o| o.seconds.len()).max().unwrap_or(0);
     for view in 1..=last {
@@ -260,7 +262,9 @@ fn report(outcomes: &[Outcome]) {
                 (!pairs.is_empty()).then(|| average(&pairs.iter().map(|p| (p[0] - p[1]).abs()).collect::<Vec<_>>()))
             };
             print!(
-                " | {:5.2} {:5.2} {:7.4} {:7.4} | {:5.3} {:5.3} {:5.3} | {:5.3} {:5.3}",
+                " | {:5.3} {:5.3} | {:5.2} {:5.2} {:7.4} {:7.4} | {:5.3} {:5.3} {:5.3} | {:5.3} {:5.3}",
+                of(&|c| Some(c.coverage[0])),
+                of(&|c| Some(c.coverage[1])),
                 of(&|c| rank_correlation(&c.gains)),
                 of(&|c| c.regret),
                 of(&|c| side(&c.gains, 0)),

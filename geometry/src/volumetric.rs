@@ -2,15 +2,18 @@
 //! and overlap that a view can expect of both.
 
 mod grid;
+mod march;
 mod membrane;
 mod predict;
+mod tiles;
 
 use crate::candidates::candidate_views_among;
 use crate::coverage::overlap_response;
 use crate::{Angles, CandidateConfig, Misses, NeighborGrid, Planner, RankedView, ScanState, Seen, View};
 use grid::VoxelGrid;
+use march::Marcher;
 use nalgebra::Point3;
-use predict::{Forecast, Leaps};
+use predict::Forecast;
 use rand_chacha::ChaCha8Rng;
 
 /// A cube in which the object stands.
@@ -64,12 +67,18 @@ pub struct VolumetricPlanner {
     config: VolumetricConfig,
     grid: Option<VoxelGrid>,
     carved: usize,
+    coverage: f64,
 }
 
 impl VolumetricPlanner {
     /// A planner that has seen nothing yet.
     pub fn new(config: VolumetricConfig) -> Self {
-        Self { config, grid: None, carved: 0 }
+        Self { config, ..Self::default() }
+    }
+
+    /// Share of the whole surface that was estimated to be measured at the last decision.
+    pub fn coverage(&self) -> f64 {
+        self.coverage
     }
 
     /// Memory held, bytes.
@@ -140,12 +149,13 @@ impl Planner for VolumetricPlanner {
         let per_voxel = (grid.voxel / state.grid_size.max(f64::MIN_POSITIVE)).powi(2);
         let total = cloud.len() as f64 + 0.8 * grid.relax() as f64 * per_voxel;
         let covered = cloud.len() as f64 / total;
+        self.coverage = covered;
         let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
-        let leaps = Leaps::new(&grid);
+        let marcher = Marcher::new(&grid);
         let stride = self.config.stride_px.max(1);
         let mut ranked: Vec<RankedView> = candidates
             .iter()
-            .map(|c| self.score(c.view, &leaps.forecast(&state.camera, &c.view, stride), covered, total, carves))
+            .map(|c| self.score(c.view, &marcher.forecast(&state.camera, &c.view, stride), covered, total, carves))
             .collect();
         let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < self.config.min_overlap;
         ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));

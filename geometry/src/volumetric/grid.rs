@@ -93,12 +93,21 @@ impl VoxelGrid {
 
     /// The voxel that holds a point; `None` outside of the cube.
     pub(super) fn index(&self, p: &Point3<f64>) -> Option<usize> {
-        let c = self.local(p);
+        self.index_at(&self.local(p))
+    }
+
+    fn index_at(&self, c: &[f32; 3]) -> Option<usize> {
         let end = (self.inner + 1) as f32;
         if !c.iter().all(|&x| x >= 1.0 && x < end) {
             return None;
         }
         Some((c[2] as usize * self.side + c[1] as usize) * self.side + c[0] as usize)
+    }
+
+    /// Place in `surface` of the voxel at these voxel coordinates; `None` for other voxels.
+    pub(super) fn slot_at(&self, c: &[f32; 3]) -> Option<usize> {
+        let i = self.index_at(c)?;
+        (self.code[i] == SURFACE).then(|| self.slot[i] as usize)
     }
 
     /// Coordinates of a voxel.
@@ -111,11 +120,6 @@ impl VoxelGrid {
     pub(super) fn holds(&self, points: &[Point3<f64>]) -> bool {
         let (first, last) = (3.0, (self.inner - 1) as f32);
         points.iter().all(|p| self.local(p).iter().all(|&x| (x >= first && x < last) || !x.is_finite()))
-    }
-
-    /// Place of a surface voxel in `surface`; `None` for other voxels.
-    pub(super) fn slot_of(&self, index: usize) -> Option<usize> {
-        (self.code[index] == SURFACE).then(|| self.slot[index] as usize)
     }
 
     /// What a surface voxel holds; `None` in other voxels.
