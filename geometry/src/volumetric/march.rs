@@ -4,6 +4,11 @@ use super::grid::{BLOCK, FREE, HOLLOW, SOLID, VoxelGrid};
 
 /// Steps of the rays in voxels.
 const STEP: f32 = 0.75;
+/// Edge of the cells that leaps are known for, voxels.
+const CELL: usize = BLOCK / 2;
+/// Positions along a ray are whole numbers of this part of a voxel.
+const ONE_BITS: u32 = 20;
+const ONE: f32 = (1 << ONE_BITS) as f32;
 /// Blocks farther than this from what may stop a ray count as this far.
 const FARTHEST: u8 = 12;
 
@@ -18,12 +23,12 @@ pub(super) enum Hit {
     Known { hidden: bool, covered: f32 },
 }
 
-/// A grid with blocks that know how far they are from what may stop a ray.
+/// A grid with cells that know how far they are from what may stop a ray.
 pub(super) struct Marcher<'a> {
     grid: &'a VoxelGrid,
-    /// Blocks along an axis.
-    blocks: usize,
-    /// Steps that a ray in the block may take at once; 0: it must look at every voxel. First for rays in free space,
+    /// Cells along an axis.
+    cells: usize,
+    /// Steps that a ray in the cell may take at once; 0: it must look at every voxel. First for rays in free space,
     /// then for those that have met unknown space, which only the membrane and the surface stop.
     leaps: [Vec<u8>; 2],
     /// Blocks that are not wholly free, by their first voxel.
@@ -32,17 +37,20 @@ pub(super) struct Marcher<'a> {
 
 impl<'a> Marcher<'a> {
     pub(super) fn new(grid: &'a VoxelGrid) -> Self {
-        let blocks = grid.side / BLOCK;
-        let mut stops = [vec![0u8; blocks.pow(3)], vec![0u8; blocks.pow(3)]];
+        let (blocks, cells) = (grid.side / BLOCK, grid.side / CELL);
+        let mut stops = [vec![0u8; cells.pow(3)], vec![0u8; cells.pow(3)]];
+        let mut occupied = vec![false; blocks.pow(3)];
         for i in grid.unknown.iter().copied().chain(grid.surface.iter().map(|s| s.index)) {
-            let [x, y, z] = grid.coordinates(i).map(|c| c / BLOCK);
-            let block = (z * blocks + y) * blocks + x;
-            stops[0][block] = 1;
-            stops[1][block] |= u8::from(grid.code[i as usize] != HOLLOW);
+            let at = grid.coordinates(i);
+            let within = |edge: usize, count: usize| (at[2] / edge * count + at[1] / edge) * count + at[0] / edge;
+            occupied[within(BLOCK, blocks)] = true;
+            let cell = within(CELL, cells);
+            stops[0][cell] = 1;
+            stops[1][cell] |= u8::from(grid.code[i as usize] != HOLLOW);
         }
         let corner = |b: usize| [b % blocks, b / blocks % blocks, b / (blocks * blocks)].map(|c| c * BLOCK);
-        let occupied = (0..stops[0].len()).filter(|&b| stops[0][b] > 0).map(corner).collect();
-        Self { grid, blocks, leaps: stops.map(|stops| leaps(stops, blocks)), occupied }
+        let occupied = (0..occupied.len()).filter(|&b| occupied[b]).map(corner).collect();
+        Self { grid, cells, leaps: stops.map(|stops| leaps(stops, cells)), occupied }
     }
 
     pub(super) fn grid(&self) -> &VoxelGrid {
@@ -56,54 +64,80 @@ impl<'a> Marcher<'a> {
     /// Follows a ray of unit direction from `near` to `far` (voxels from the eye).
     pub(super) fn follow(&self, eye: &[f32; 3], ray: &[f32; 3], near: f32, far: f32) -> Hit {
         let grid = self.grid;
-        let (side, blocks) = (grid.side, self.blocks);
-        let last = (side - 1) as f32;
-        // All rays of a view step at the same distances.
-        let mut n = (near / STEP).floor();
+        let side = grid.side;
+        // All rays of a view step at the same distances; from the first on in fixed point.
+        let first = (near / STEP) as i32;
+        let mut left = (far / STEP) as i32 - first;
+        let mut at = [0, 1, 2].map(|k| ((eye[k] + ray[k] * (first as f32 * STEP)) * ONE) as i32);
+        let step = ray.map(|r| (r * (STEP * ONE)) as i32);
         let mut hidden = false;
-        loop {
-            let t = n * STEP;
-            if t > far {
-                return Hit::Nothing { hidden };
-            }
-            let [x, y, z] = [0, 1, 2].map(|k| (eye[k] + ray[k] * t).max(0.0).min(last) as usize);
-            let leap = self.leaps[usize::from(hidden)][(z / BLOCK * blocks + y / BLOCK) * blocks + x / BLOCK];
-            if leap > 0 {
-                n += f32::from(leap);
-                continue;
-            }
-            n += 1.0;
-            let i = (z * side + y) * side + x;
-            match grid.code[i] {
-                FREE => {}
-                HOLLOW => hidden = true,
-                SOLID => return Hit::Expected,
-                _ => {
-                    let Some(s) = grid.surface_at(i) else { return Hit::Nothing { hidden } };
-                    let facing = s.normal[0] * ray[0] + s.normal[1] * ray[1] + s.normal[2] * ray[2] < 0.0;
-                    return if facing { Hit::Known { hidden, covered: s.covered } } else { Hit::Nothing { hidden } };
+        let mut leaps = &self.leaps[0];
+        while left >= 0 {
+            let [x, y, z] = at.map(|a| (a >> ONE_BITS) as u32 as usize);
+            let leap = if x.max(y).max(z) < side {
+                let leap = leaps[((z / CELL) * self.cells + y / CELL) * self.cells + x / CELL];
+                if leap == 0 {
+                    let i = (z * side + y) * side + x;
+                    match grid.code[i] {
+                        FREE => {}
+                        HOLLOW => (hidden, leaps) = (true, &self.leaps[1]),
+                        SOLID => return Hit::Expected,
+                        _ => {
+                            let Some(s) = grid.surface_at(i) else { break };
+                            let facing = s.normal[0] * ray[0] + s.normal[1] * ray[1] + s.normal[2] * ray[2] < 0.0;
+                            if facing {
+                                return Hit::Known { hidden, covered: s.covered };
+                            }
+                            break;
+                        }
+                    }
                 }
-            }
+                i32::from(leap.max(1))
+            } else {
+                1
+            };
+            left -= leap;
+            at = [0, 1, 2].map(|k| at[k].wrapping_add(step[k] * leap));
         }
+        Hit::Nothing { hidden }
     }
 }
 
-/// Steps that lead no farther than to the next block that stops, from its distance (the largest of the three axes
-/// counts): found by growing the stopping blocks, one at a time.
-fn leaps(stops: Vec<u8>, side: usize) -> Vec<u8> {
+/// Steps that lead no farther than to the next cell that stops, from the distances of cells and of blocks.
+fn leaps(stops: Vec<u8>, cells: usize) -> Vec<u8> {
+    let blocks = cells / 2;
+    let block_of = |i: usize| (i / (cells * cells) / 2 * blocks + i / cells % cells / 2) * blocks + i % cells / 2;
+    let mut block_stops = vec![0; blocks.pow(3)];
+    for (i, _) in stops.iter().enumerate().filter(|(_, s)| **s > 0) {
+        block_stops[block_of(i)] = 1;
+    }
+    let far = distances(block_stops, blocks, FARTHEST);
+    // Blocks that are two or more away tell more than three cells do.
+    let mut steps = distances(stops, cells, 3);
+    for (row, steps) in steps.chunks_exact_mut(cells).enumerate() {
+        let far = &far[block_of(row * cells)..][..blocks];
+        for (near, &far) in steps.chunks_exact_mut(2).zip(far) {
+            for d in near.iter_mut().filter(|d| **d > 0) {
+                let free = (usize::from(*d - 1) * CELL).max(usize::from(far.max(1) - 1) * BLOCK);
+                *d = (free as f32 / STEP) as u8 + 1;
+            }
+        }
+    }
+    steps
+}
+
+/// Distance of each from the next that stops, the largest of the three axes, as far as `farthest`: found by growing
+/// those that stop, one at a time.
+fn distances(stops: Vec<u8>, side: usize, farthest: u8) -> Vec<u8> {
     let mut reached = stops;
     let mut distance = vec![0u8; reached.len()];
-    for _ in 0..FARTHEST {
+    for _ in 0..farthest {
         distance.iter_mut().zip(&reached).for_each(|(d, &r)| *d += 1 - r);
         for pitch in [1, side, side * side] {
             grow(&mut reached, pitch, side);
         }
     }
-    let steps = |d: u8| match usize::from(d) {
-        0 => 0,
-        d => (((d - 1) * BLOCK) as f32 / STEP).floor().max(1.0) as u8,
-    };
-    distance.into_iter().map(steps).collect()
+    distance
 }
 
 /// Marks what is beside something marked, along the axis of this pitch.
