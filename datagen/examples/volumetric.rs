@@ -1,14 +1,19 @@
-//! The volumetric planner, measured: processor time per decision, or what it predicts beside what a scan would bring.
+//! The volumetric planner, measured: processor time per decision, what it predicts beside what a scan would bring, and
+//! the same episodes by the search that knows the object.
 //!
 //! ```text
 //! cargo run --release -p datagen --example volumetric -- speed
+//! cargo run --release -p datagen --example volumetric -- beside-search bunny.obj --episodes 6
 //! cargo run --release -p datagen --example volumetric -- prediction --objects 8 --set weight_center=0.5
 //! cargo run --release -p datagen --example volumetric -- prediction bunny.obj horse.obj --evidence points
 //! ```
 
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, ValueEnum};
-use datagen::{Decision, Episode, EpisodeConfig, RenderConfig, Scene, SearchConfig, run_episode_with, score_views};
+use datagen::{
+    Decision, Episode, EpisodeConfig, RenderConfig, Scene, SearchConfig, SearchPlanner, run_episode, run_episode_with,
+    score_views,
+};
 use geometry::rng::stream;
 use geometry::sampling::poisson_disk_sample;
 use geometry::{
@@ -20,7 +25,8 @@ use std::path::PathBuf;
 
 #[derive(Parser)]
 struct Arguments {
-    /// `speed`: no truth is computed; `prediction`: with the true gain and overlap of all candidates.
+    /// `speed`: no truth is computed; `prediction`: with the true gain and overlap of all candidates;
+    /// `beside-search`: each episode also by the search with 20 candidates, from the same first view.
     mode: Mode,
     /// Mesh files; without any, procedural objects.
     meshes: Vec<PathBuf>,
@@ -48,6 +54,7 @@ struct Arguments {
 enum Mode {
     Speed,
     Prediction,
+    BesideSearch,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -128,6 +135,7 @@ struct Compared {
 struct Outcome {
     name: String,
     episode: Episode,
+    search: Option<Episode>,
     compared: Vec<Compared>,
     seconds: Vec<f64>,
     memory: usize,
@@ -181,20 +189,21 @@ fn run(name: &str, mesh: &Mesh, number: u64, arguments: &Arguments, config: &Vol
         memory: 0,
     };
     let mut compared = Vec::new();
-    let episode = run_episode_with(
-        &scene,
-        &samples,
-        &mut planner,
-        &episode_config,
-        &mut stream(0, &format!("episode/{name}/{number}")),
-        |planner, decision| {
-            if arguments.mode == Mode::Prediction {
-                compared.push(compare(&scene, planner.inner.coverage(), decision, &search));
-            }
-        },
-    )
+    let rng = || stream(0, &format!("episode/{name}/{number}"));
+    let episode = run_episode_with(&scene, &samples, &mut planner, &episode_config, &mut rng(), |planner, decision| {
+        if arguments.mode == Mode::Prediction {
+            compared.push(compare(&scene, planner.inner.coverage(), decision, &search));
+        }
+    })
     .with_context(|| name.to_owned())?;
-    Ok(Outcome { name: name.to_owned(), episode, compared, seconds: planner.seconds, memory: planner.memory })
+    let search = (arguments.mode == Mode::BesideSearch)
+        .then(|| {
+            let mut planner = SearchPlanner::new(&scene, &samples, search);
+            run_episode(&scene, &samples, &mut planner, &episode_config, &mut rng())
+        })
+        .transpose()
+        .with_context(|| name.to_owned())?;
+    Ok(Outcome { name: name.to_owned(), episode, search, compared, seconds: planner.seconds, memory: planner.memory })
 }
 
 fn compare(scene: &Scene, coverage: f64, decision: &Decision, search: &SearchConfig) -> Compared {
@@ -215,10 +224,6 @@ fn compare(scene: &Scene, coverage: f64, decision: &Decision, search: &SearchCon
 }
 
 fn report(outcomes: &[Outcome]) {
-    let count = outcomes.len() as f64;
-    let mean = |of: &dyn Fn(&Outcome) -> f64| outcomes.iter().map(of).sum::<f64>() / count;
-    let views = |level: f64| mean(&|o| o.episode.views_to(level).unwrap_or(17) as f64);
-    let overlap = |i: usize| 100.0 * mean(&|o| o.episode.overlaps.get(i).copied().flatten().unwrap_or(0.0));
     for o in outcomes {
         let v90 = o.episode.views_to(0.9).map_or("-".to_owned(), |v| v.to_string());
         let overlaps: Vec<_> =
@@ -230,19 +235,11 @@ fn report(outcomes: &[Outcome]) {
             overlaps.join(" ")
         );
     }
-    let covered = mean(&|o| o.episode.final_coverage());
-    println!(
-        "\n{count} episodes: final {:.2} %  v50 {:.2}  v80 {:.2}  v90 {:.2}  efficiency {:.2}  overlaps {:.0} {:.0} {:.0}  cv3 {:.1}",
-        100.0 * covered,
-        views(0.5),
-        views(0.8),
-        views(0.9),
-        100.0 * covered / views(0.9),
-        overlap(0),
-        overlap(1),
-        overlap(2),
-        mean(&|o| cv3(&o.episode)),
-    );
+    let own = summary("volumetric", &outcomes.iter().map(|o| &o.episode).collect::<Vec<_>>());
+    let searched: Vec<&Episode> = outcomes.iter().filter_map(|o| o.search.as_ref()).collect();
+    if !searched.is_empty() {
+        println!("ratio of the efficiencies {:.3}", own / summary("search", &searched));
+    }
     println!(
         "\nview  CPU ms | coverage: estimated, true | gain: rank correlation, of the best, predicted, true | overlap: predicted, true, error | of the chosen"
     );
@@ -281,6 +278,27 @@ fn report(outcomes: &[Outcome]) {
     let all: Vec<f64> = outcomes.iter().flat_map(|o| &o.seconds).map(|s| 1e3 * s).collect();
     let memory = outcomes.iter().map(|o| o.memory).max().unwrap_or(0) as f64 / 1e6;
     println!("\nCPU ms per decision: {:.1}; most memory of a planner {memory:.0} MB", average(&all));
+}
+
+/// Prints the means over the episodes; returns the efficiency.
+fn summary(policy: &str, episodes: &[&Episode]) -> f64 {
+    let mean = |of: &dyn Fn(&Episode) -> f64| average(&episodes.iter().map(|e| of(e)).collect::<Vec<_>>());
+    let views = |level: f64| mean(&|e| e.views_to(level).unwrap_or(17) as f64);
+    let overlap = |i: usize| 100.0 * mean(&|e| e.overlaps.get(i).copied().flatten().unwrap_or(0.0));
+    let covered = 100.0 * mean(&Episode::final_coverage);
+    let efficiency = covered / views(0.9);
+    println!(
+        "\n{policy}, {} episodes: final {covered:.2} %  v50 {:.2}  v80 {:.2}  v90 {:.2}  efficiency {efficiency:.2}  overlaps {:.0} {:.0} {:.0}  cv3 {:.1}",
+        episodes.len(),
+        views(0.5),
+        views(0.8),
+        views(0.9),
+        overlap(0),
+        overlap(1),
+        overlap(2),
+        mean(&cv3),
+    );
+    efficiency
 }
 
 fn average(values: &[f64]) -> f64 {

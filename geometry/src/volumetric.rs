@@ -9,10 +9,10 @@ mod tiles;
 
 use crate::candidates::candidate_views_among;
 use crate::coverage::overlap_response;
-use crate::{Angles, CandidateConfig, Misses, NeighborGrid, Planner, RankedView, ScanState, Seen, View};
+use crate::{Angles, CandidateConfig, Misses, NeighborGrid, PastScan, Planner, RankedView, ScanState, Seen, View};
 use grid::VoxelGrid;
 use march::Marcher;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use predict::Forecast;
 use rand_chacha::ChaCha8Rng;
 
@@ -89,8 +89,12 @@ impl VolumetricPlanner {
     fn new_grid(&self, state: &ScanState) -> VoxelGrid {
         let workspace = self.config.workspace.unwrap_or_else(|| {
             let (low, high) = state.cloud.bounding_box();
-            // The object may reach behind what was seen as far as it is wide.
-            Workspace { center_m: nalgebra::center(&low, &high).into(), half_m: 1.1 * (high - low).norm() }
+            let (middle, diagonal) = (nalgebra::center(&low, &high), (high - low).norm());
+            // The object reaches behind what was seen, about as far as it is wide.
+            let away = |s: &PastScan| middle - Point3::from(s.world_from_camera.translation.vector);
+            let directions = state.scans.iter().map(|s| away(s).try_normalize(0.0).unwrap_or_default());
+            let mean = directions.sum::<Vector3<f64>>() / state.scans.len().max(1) as f64;
+            Workspace { center_m: (middle + mean * (0.2 * diagonal)).into(), half_m: 0.75 * diagonal }
         });
         let pixel = state.camera.pixel_size(state.working_distance).max(state.grid_size);
         let voxel = (self.config.voxel_px * pixel).max(f64::MIN_POSITIVE);
