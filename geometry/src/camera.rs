@@ -72,6 +72,25 @@ impl DepthImage {
         (z > 0.0).then_some(z)
     }
 
+    /// Shrinks the window to the smallest that holds all pixels with a return; to nothing if there is none.
+    pub fn crop(&mut self) {
+        let [columns, rows] = self.size.map(|s| s as usize);
+        let (mut first, mut last) = ([columns, rows], [0, 0]);
+        for (i, _) in self.depth.iter().enumerate().filter(|&(_, &z)| z > 0.0) {
+            let at = [i % columns, i / columns];
+            first = [0, 1].map(|k| first[k].min(at[k]));
+            last = [0, 1].map(|k| last[k].max(at[k] + 1));
+        }
+        if last == [0, 0] {
+            *self = Self::default();
+            return;
+        }
+        let kept = (first[1]..last[1]).flat_map(|row| row * columns + first[0]..row * columns + last[0]);
+        self.depth = kept.map(|i| self.depth[i]).collect();
+        self.origin = [0, 1].map(|k| self.origin[k] + first[k] as u32);
+        self.size = [0, 1].map(|k| (last[k] - first[k]) as u32);
+    }
+
     /// World points of all pixels with a return, in row-major order.
     pub fn to_points(&self, camera: &PinholeCamera, world_from_camera: &Isometry3<f64>) -> Vec<Point3<f64>> {
         let mut points = Vec::new();
@@ -96,5 +115,23 @@ impl DepthImage {
                 visit(center + rotation * camera.unproject(column, row, f64::from(z)).coords);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cropping_keeps_every_return() {
+        let mut image = DepthImage { origin: [7, 3], size: [4, 3], depth: vec![0.0; 12] };
+        (image.depth[5], image.depth[10]) = (1.0, 2.0);
+        let whole = image.clone();
+        image.crop();
+        assert_eq!(image, DepthImage { origin: [8, 4], size: [2, 2], depth: vec![1.0, 0.0, 0.0, 2.0] });
+        assert!((0..20).all(|c| (0..20).all(|r| image.at(c, r) == whole.at(c, r))));
+        image.depth.fill(0.0);
+        image.crop();
+        assert_eq!(image, DepthImage::default());
     }
 }

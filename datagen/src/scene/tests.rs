@@ -2,6 +2,7 @@ use super::*;
 use geometry::{View, rng};
 use nalgebra::Vector3;
 use rand::Rng;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// A box with outward triangles.
@@ -145,31 +146,6 @@ fn depth_is_quantised_downwards_and_cut_at_far() {
     assert_eq!(hits(&scene.depth_image(&camera, &view.world_from_camera(), &near_sighted)), 0);
 }
 
-#[test]
-fn only_closed_oriented_meshes_are_solid() {
-    let solid = cuboid(Vector3::new(0.1, 0.2, 0.3));
-    let is_solid = |mesh: &Mesh| Scene::new(mesh.clone()).is_solid();
-    assert!(is_solid(&solid));
-    let mut inverted = solid.clone();
-    inverted.triangles.iter_mut().for_each(|t| t.swap(0, 1));
-    assert!(!is_solid(&inverted));
-    let mut one_flipped = solid.clone();
-    one_flipped.triangles[3].swap(0, 1);
-    assert!(!is_solid(&one_flipped));
-    let mut open = solid.clone();
-    open.triangles.pop();
-    assert!(!is_solid(&open));
-    let mut twice = solid.clone();
-    twice.triangles.extend_from_slice(&solid.triangles);
-    assert!(!is_solid(&twice));
-    // Split corners, as files with normals have them.
-    let split = Mesh {
-        vertices: solid.triangles.iter().flat_map(|&t| solid.corners(t)).collect(),
-        triangles: (0..12).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-    };
-    assert!(is_solid(&split));
-}
-
 fn shared(path: &str) -> Option<PathBuf> {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
     path.exists().then_some(path)
@@ -289,7 +265,7 @@ fn real_meshes_look_the_same_both_ways() {
             let (m, d) = differences(&raster, &rays, 1e-5);
             (pixels, mask, depth) = (pixels + hits(&rays), mask + m, depth + d);
         }
-        println!("{object}: solid {}, {pixels} pixels, mask {mask}, depth {depth}", scene.is_solid());
+        println!("{object}: {pixels} pixels, mask {mask}, depth {depth}");
         assert!(mask + depth <= pixels / 2_000, "{object}: {mask} masks and {depth} depths of {pixels}");
     }
 }
