@@ -34,7 +34,7 @@ pub struct VolumetricConfig {
     pub candidates: CandidateConfig,
     /// Score by the expected gain alone, whatever the overlap. Off by default.
     pub gain_only: bool,
-    /// Coverage at which gain and overlap weigh the same (0.65).
+    /// Estimated coverage at which gain and overlap weigh the same (0.8): the estimate is high early, by 0.1 to 0.2.
     pub weight_center: f64,
     /// Views with a smaller expected overlap come after all others (0: none).
     pub min_overlap: f64,
@@ -52,7 +52,7 @@ impl Default for VolumetricConfig {
         Self {
             candidates: CandidateConfig { angles: Angles::All, ..CandidateConfig::default() },
             gain_only: false,
-            weight_center: 0.65,
+            weight_center: 0.8,
             min_overlap: 0.0,
             voxel_px: 1.7,
             stride_px: 2,
