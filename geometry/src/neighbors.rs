@@ -218,14 +218,19 @@ impl NeighborGrid {
         let q = self.relative(query);
         let radius = radius as f32;
         let radius2 = radius * radius;
-        !self.for_rows(&self.cell_range(q, radius).0, |row| {
+        let within = |row: std::ops::Range<usize>| {
             // A row at a time, without a branch per point, becomes vector instructions.
             let points = self.x[row.clone()].iter().zip(&self.y[row.clone()]).zip(&self.z[row]);
-            !points.fold(false, |any, ((x, y), z)| {
+            points.fold(false, |any, ((x, y), z)| {
                 let (dx, dy, dz) = (x - q[0], y - q[1], z - q[2]);
                 any | (dx * dx + dy * dy + dz * dz < radius2)
             })
-        })
+        };
+        // The query's own row answers most queries that find something.
+        let range = self.cell_range(q, radius).0;
+        let own = (self.cell_of(q[2], 2) * self.dims[1] + self.cell_of(q[1], 1)) * self.dims[0];
+        let own = self.starts[own + range[0][0]] as usize..self.starts[own + range[0][1] + 1] as usize;
+        within(own.clone()) || !self.for_rows(&range, |row| row == own || !within(row))
     }
 
     /// Calls `found` with the index of every point strictly closer than `radius` metres, in no particular
