@@ -30,9 +30,13 @@ impl Networks {
     pub fn benbv_net<'a>(&self) -> Result<BoxedPlanner<'a>, String> {
         let mut loaded = self.benbv_net.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         if loaded.is_none() {
-            let directory = checkpoint(&self.weights.benbv_net, "benbv-net", "benbv_net")?;
+            let directory = &self.weights.benbv_net;
             let config = NetPlannerConfig { candidates: self.candidates.clone(), ..NetPlannerConfig::default() };
-            *loaded = Some(NetPlanner::load(&directory, config).map_err(|e| e.to_string())?);
+            let planner = match directory.as_os_str().is_empty() {
+                true => NetPlanner::bundled(config),
+                false => NetPlanner::load(directory, config),
+            };
+            *loaded = Some(planner.map_err(|e| e.to_string())?);
         }
         loaded.as_ref().map(|p| Box::new(p.clone()) as BoxedPlanner).ok_or_else(|| "not loaded".to_owned())
     }
@@ -44,7 +48,7 @@ impl Networks {
     pub fn pc_nbv<'a>(&self, name: &str, published: bool) -> Result<BoxedPlanner<'a>, String> {
         let mut loaded = self.pc_nbv.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         if loaded.is_none() {
-            let directory = checkpoint(&self.weights.pc_nbv, "pc-nbv", "pc_nbv")?;
+            let directory = pc_nbv_directory(&self.weights.pc_nbv)?;
             *loaded = Some(PcNbvModel::load(&directory).map_err(|e| e.to_string())?);
         }
         let network = loaded.clone().ok_or_else(|| "not loaded".to_owned())?;
@@ -53,12 +57,14 @@ impl Networks {
 }
 
 /// The configured checkpoint, or the one that comes with the source.
-fn checkpoint(configured: &Path, name: &str, key: &str) -> Result<PathBuf, String> {
+fn pc_nbv_directory(configured: &Path) -> Result<PathBuf, String> {
     if !configured.as_os_str().is_empty() {
         return Ok(configured.to_owned());
     }
     let folders = [PathBuf::from("weights"), Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights")];
-    folders.iter().map(|folder| folder.join(name)).find(|d| d.exists()).ok_or_else(|| {
-        format!("found no weights/{name} here nor beside the source; train some and give --set weights.{key}=DIR")
+    folders.iter().map(|folder| folder.join("pc-nbv")).find(|d| d.exists()).ok_or_else(|| {
+        "found no weights/pc-nbv here nor beside the source; train some (train --network pc-nbv) and give --set \
+         weights.pc_nbv=DIR"
+            .to_owned()
     })
 }

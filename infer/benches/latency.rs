@@ -1,4 +1,5 @@
-//! From a cloud in memory to the pose, warm: `cargo bench -p infer --bench latency [-- CHECKPOINT_DIR]`.
+//! From a cloud in memory to the pose, warm: `cargo bench -p infer --bench latency [-- CHECKPOINT_DIR]`
+//! (without one: the bundled weights).
 //!
 //! The published code takes 0.39 s per decision at about 5,000 points and 0.8 s at 10,000 (recorded, same task).
 #![allow(missing_docs)]
@@ -34,16 +35,13 @@ fn cpu_seconds() -> f64 {
 
 fn main() {
     let weights = std::env::args().skip(1).find(|a| !a.starts_with("--"));
-    let network = weights.map(|directory| {
-        let planner = model::NetPlanner::load(directory.as_ref(), Default::default()).expect("a checkpoint");
-        Network::new(planner)
-    });
+    let planner = match &weights {
+        Some(directory) => model::NetPlanner::load(directory.as_ref(), Default::default()).expect("a checkpoint"),
+        None => model::NetPlanner::bundled(Default::default()).expect("the bundled weights"),
+    };
+    let network = Network::new(planner);
     println!("{:<12} {:>8} {:>12} {:>12} {:>12}", "planner", "points", "median ms", "worst ms", "mean CPU ms");
-    for planner in [PlannerName::Farthest, PlannerName::BenbvNet] {
-        if planner == PlannerName::BenbvNet && network.is_none() {
-            println!("benbv-net    needs a checkpoint: -- DIR");
-            continue;
-        }
+    for planner in [PlannerName::Farthest, PlannerName::Volumetric, PlannerName::BenbvNet] {
         for count in [5_000, 10_000, 300_000] {
             let points = cloud(count);
             let from = Some(Point3::new(0.0, 0.0, 1.2));
@@ -54,7 +52,7 @@ fn main() {
                 .into_iter()
                 .map(|points| {
                     let cloud = PointCloud { points, normals: Vec::new() };
-                    let mut session = Session::new(config.clone(), network.clone()).expect("defaults");
+                    let mut session = Session::new(config.clone(), Some(network.clone())).expect("defaults");
                     let clock = Instant::now();
                     session.add_scan(Scan::Cloud { cloud, from }).expect("a scan");
                     let answer = session.next_view().expect("an answer");

@@ -53,7 +53,7 @@ pub struct Args {
     /// Which planner: auto, volumetric, benbv-net, farthest.
     #[arg(long, value_name = "NAME", value_parser = planner)]
     pub planner: Option<PlannerName>,
-    /// Directory of a checkpoint for benbv-net.
+    /// Directory of a checkpoint for benbv-net, instead of the bundled weights.
     #[arg(long, value_name = "DIR")]
     pub weights: Option<PathBuf>,
     /// Stop when the next view is expected to add less than this share of the surface, such as 0.01.

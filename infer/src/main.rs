@@ -41,7 +41,7 @@ fn run(args: &Args) -> Result<ExitCode> {
     }
     let config = settings(args)?;
     config.check()?;
-    let network = || weights::network(args.weights.as_deref());
+    let network = || weights::network(args.weights.as_deref()).map(Some);
     if args.serve {
         let service = Service::new(config.clone(), network()?, Limits::default());
         return serve(service, args).map(|()| ExitCode::SUCCESS);

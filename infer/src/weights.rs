@@ -1,4 +1,4 @@
-//! Weights of `benbv-net`, from a checkpoint directory.
+//! Weights of `benbv-net`: bundled, or from a checkpoint directory.
 
 use anyhow::{Context, Result};
 use infer::Network;
@@ -6,10 +6,14 @@ use model::NetPlanner;
 use model::net_planner::NetPlannerConfig;
 use std::path::Path;
 
-/// The network of `--weights`; none without it.
-pub fn network(directory: Option<&Path>) -> Result<Option<Network>> {
-    let Some(directory) = directory else { return Ok(None) };
-    let planner = NetPlanner::load(directory, NetPlannerConfig::default())
-        .with_context(|| format!("--weights {}", directory.display()))?;
-    Ok(Some(Network::new(planner)))
+/// The network of `--weights`; without it the bundled one.
+pub fn network(directory: Option<&Path>) -> Result<Network> {
+    let config = NetPlannerConfig::default();
+    let planner = match directory {
+        Some(directory) => {
+            NetPlanner::load(directory, config).with_context(|| format!("--weights {}", directory.display()))?
+        }
+        None => NetPlanner::bundled(config).context("the bundled weights")?,
+    };
+    Ok(Network::new(planner))
 }

@@ -64,6 +64,15 @@ impl NetPlanner {
         Ok(Self::new(net, info, config))
     }
 
+    /// With the weights that come with the source (`weights/benbv-net`), which every program carries.
+    pub fn bundled(config: NetPlannerConfig) -> Result<Self, NetPlannerError> {
+        Self::from_bytes(
+            include_str!("../../weights/benbv-net/checkpoint.toml"),
+            include_bytes!("../../weights/benbv-net/model.safetensors"),
+            config,
+        )
+    }
+
     /// From a network at hand, on its device.
     pub fn new(net: BenbvNet, info: Checkpoint<BenbvNetConfig>, config: NetPlannerConfig) -> Self {
         let net = net.valid();

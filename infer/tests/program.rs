@@ -1,0 +1,44 @@
+//! The program on the bundled sample.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn sample(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../samples").join(name)
+}
+
+fn answer(arguments: &[&str], scans: &[&str]) -> serde_json::Value {
+    let output = Command::new(env!("CARGO_BIN_EXE_infer"))
+        .args(arguments)
+        .arg("--json")
+        .arg("--scan")
+        .args(scans.iter().map(|name| sample(name)))
+        .output()
+        .expect("infer runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("an answer")
+}
+
+#[test]
+fn a_cloud_alone_is_ranked_by_the_bundled_network() {
+    let answer = answer(&[], &["scan1.ply", "scan2.ply"]);
+    assert_eq!(answer["planner"], "benbv-net", "{answer}");
+    assert!(answer["next"].is_object(), "a view: {answer}");
+    let scores: Vec<f64> =
+        answer["candidates"].as_array().expect("a list").iter().filter_map(|c| c["planner_score"].as_f64()).collect();
+    assert!(scores.len() > 1 && scores.iter().any(|s| (s - scores[0]).abs() > 1e-6), "scores differ: {scores:?}");
+}
+
+#[test]
+fn weights_of_ones_own_replace_the_bundled_ones() {
+    let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/benbv-net");
+    let same = answer(&["--weights", &bundled.display().to_string()], &["scan1.ply"]);
+    assert_eq!(same["candidates"], answer(&[], &["scan1.ply"])["candidates"]);
+    let missing = Command::new(env!("CARGO_BIN_EXE_infer"))
+        .args(["--weights", "no/such/place", "--scan"])
+        .arg(sample("scan1.ply"))
+        .output()
+        .expect("infer runs");
+    let error = String::from_utf8_lossy(&missing.stderr);
+    assert!(!missing.status.success() && error.contains("no/such/place"), "{error}");
+}
