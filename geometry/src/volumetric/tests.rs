@@ -142,3 +142,26 @@ fn without_cameras_there_is_no_view() {
     state.scans.clear();
     assert!(VolumetricPlanner::default().rank_views(&state, &mut rng::stream(1, "planner")).is_empty());
 }
+
+#[test]
+fn novelty_is_the_angle_to_the_nearest_past_camera() {
+    let state = ball(Misses::Free);
+    let of = |position: [f64; 3]| novelty(&View { target: Point3::origin(), position: position.into() }, &state.scans);
+    assert!(of([0.0, 0.0, 0.7]).abs() < 1e-9, "where the camera was");
+    assert!((of([0.5, 0.0, 0.0]) - 0.5).abs() < 1e-9, "a quarter turn");
+    assert!((of([0.0, 0.0, -1.2]) - 1.0).abs() < 1e-9, "behind");
+}
+
+#[test]
+fn no_gain_exceeds_what_is_missing() {
+    let state = ball(Misses::Free);
+    let mut planner = VolumetricPlanner::new(VolumetricConfig::default());
+    let ranked = planner.rank_views(&state, &mut rng::stream(1, "test"));
+    let missing = 1.0 - planner.coverage();
+    assert!(!ranked.is_empty() && ranked.iter().all(|r| r.gain.is_some_and(|g| g <= missing)), "{missing}");
+    let novel = |weight| {
+        let config = VolumetricConfig { novelty: weight, ..Default::default() };
+        VolumetricPlanner::new(config).rank_views(&state, &mut rng::stream(1, "test"))[0].view
+    };
+    assert!(novel(10.0) != novel(0.0), "a large weight decides");
+}
