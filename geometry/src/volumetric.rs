@@ -39,7 +39,7 @@ pub struct VolumetricConfig {
     /// Added to the score per half turn between a view and the nearest past one (0.08): late, when little is expected
     /// anywhere, what is still missing is rather seen from where no camera has been.
     pub novelty: f64,
-    /// Taken from the expected overlap before it is rewarded (0.03): it is too high in the views that look best.
+    /// Taken from the expected overlap before it is rewarded (0.015): it is too high in the views that look best.
     pub overlap_margin: f64,
     /// Views with a smaller expected overlap come after all others (0: none).
     pub min_overlap: f64,
@@ -59,7 +59,7 @@ impl Default for VolumetricConfig {
             gain_only: false,
             weight_center: 0.8,
             novelty: 0.08,
-            overlap_margin: 0.03,
+            overlap_margin: 0.015,
             min_overlap: 0.0,
             voxel_px: 1.7,
             stride_px: 2,
