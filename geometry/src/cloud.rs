@@ -105,7 +105,12 @@ impl PointCloud {
 
 /// Indices of the voxel that holds a point.
 fn voxel_of(p: &Point3<f64>, corner: &Point3<f64>, voxel: f64) -> [i64; 3] {
-    let index = |axis: usize| ((p[axis] - corner[axis]) / voxel).floor() as i64;
+    let index = |axis: usize| {
+        // The floor, without the call that it is where the target has no instruction for it.
+        let exact = (p[axis] - corner[axis]) / voxel;
+        let towards_zero = exact as i64;
+        towards_zero.saturating_sub(i64::from(towards_zero as f64 > exact))
+    };
     [index(0), index(1), index(2)]
 }
 

@@ -227,10 +227,12 @@ impl NeighborGrid {
             })
         };
         // The query's own row answers most queries that find something.
-        let range = self.cell_range(q, radius).0;
+        let margin = margin(q, radius);
+        let axis = |k: usize| [self.cell_of(q[k] - margin, k), self.cell_of(q[k] + margin, k)];
+        let columns = axis(0);
         let own = (self.cell_of(q[2], 2) * self.dims[1] + self.cell_of(q[1], 1)) * self.dims[0];
-        let own = self.starts[own + range[0][0]] as usize..self.starts[own + range[0][1] + 1] as usize;
-        within(own.clone()) || !self.for_rows(&range, |row| row == own || !within(row))
+        let own = self.starts[own + columns[0]] as usize..self.starts[own + columns[1] + 1] as usize;
+        within(own.clone()) || !self.for_rows(&[columns, axis(1), axis(2)], |row| row == own || !within(row))
     }
 
     /// Calls `found` with the index of every point strictly closer than `radius` metres, in no particular
@@ -329,7 +331,9 @@ impl NeighborGrid {
     #[inline]
     fn cell_of(&self, coordinate: f32, axis: usize) -> usize {
         // The cast saturates, and the map is monotone: points beyond the table lie in its border cells.
-        (((coordinate - self.low[axis]) * self.inv_cell) as usize).min(self.dims[axis] - 1)
+        // (To i32: unsigned and wider targets take twice the instructions.)
+        let cell = ((coordinate - self.low[axis]) * self.inv_cell) as i32;
+        (cell.max(0) as usize).min(self.dims[axis] - 1)
     }
 
     fn cell_index(&self, p: [f32; 3]) -> usize {
@@ -339,7 +343,7 @@ impl NeighborGrid {
     /// Cells that hold every point within `radius` (rounding included), and whether these are all cells.
     #[inline]
     fn cell_range(&self, q: [f32; 3], radius: f32) -> ([[usize; 2]; 3], bool) {
-        let margin = radius * 1.0001 + 1e-6 * q[0].abs().max(q[1].abs()).max(q[2].abs());
+        let margin = margin(q, radius);
         let axis = |k: usize| [self.cell_of(q[k] - margin, k), self.cell_of(q[k] + margin, k)];
         let range = [axis(0), axis(1), axis(2)];
         let all = (0..3).all(|axis| range[axis] == [0, self.dims[axis] - 1]);
@@ -424,6 +428,12 @@ fn table_shape(points: &[[f32; 3]], low: [f32; 3], high: [f32; 3], cell: f64) ->
     }
     let edge = if edge > 0.0 && edge.is_finite() { edge } else { 1.0 };
     (low, edge as f32, box_extent.map(|x| (x / edge).floor() as usize + 1))
+}
+
+/// The radius, and what rounding may add to it.
+#[inline]
+fn margin(q: [f32; 3], radius: f32) -> f32 {
+    radius * 1.0001 + 1e-6 * q[0].abs().max(q[1].abs()).max(q[2].abs())
 }
 
 fn key(distance2: f32, id: u32) -> u64 {
