@@ -39,8 +39,6 @@ pub struct VolumetricConfig {
     /// Added to the score per half turn between a view and the nearest past one (0.08): late, when little is expected
     /// anywhere, what is still missing is rather seen from where no camera has been.
     pub novelty: f64,
-    /// Taken from the expected overlap before it is rewarded (0.015): it is too high in the views that look best.
-    pub overlap_margin: f64,
     /// Views with a smaller expected overlap come after all others (0: none).
     pub min_overlap: f64,
     /// Voxel edge in pixels at the working distance (1.7: 4 mm at 1.2 m), or in spacings of the cloud where that is
@@ -59,7 +57,6 @@ impl Default for VolumetricConfig {
             gain_only: false,
             weight_center: 0.8,
             novelty: 0.08,
-            overlap_margin: 0.015,
             min_overlap: 0.0,
             voxel_px: 1.7,
             stride_px: 2,
@@ -136,7 +133,7 @@ impl VolumetricPlanner {
             return (gain, overlap);
         }
         let weight = 1.0 / (1.0 + (-10.0 * (covered - self.config.weight_center)).exp());
-        let reward = overlap.map_or(0.0, |o| overlap_response((o - self.config.overlap_margin).max(0.0)));
+        let reward = overlap.map_or(0.0, overlap_response);
         (weight * (covered + gain) + (1.0 - weight) * reward + self.config.novelty * novelty, overlap)
     }
 }
