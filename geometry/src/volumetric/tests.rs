@@ -165,3 +165,19 @@ fn no_gain_exceeds_what_is_missing() {
     };
     assert!(novel(10.0) != novel(0.0), "a large weight decides");
 }
+
+#[test]
+fn a_scene_that_fills_the_image_is_sampled_coarser() {
+    let state = ball(Misses::Free);
+    let grid = prepared(&state);
+    let marcher = Marcher::new(&grid);
+    // The ball from near, at two resolutions: the finer one is over the limit.
+    let [coarse, fine] = [(320, 240), (1280, 960)].map(|(w, h)| {
+        let camera = PinholeCamera::from_fov_y(w, h, 1.0);
+        let f = marcher.forecast(&camera, &from_z(0.3), 1);
+        [f.hidden, f.known, f.covered].map(|n| n / f64::from(w * h))
+    });
+    for (a, b) in coarse.iter().zip(fine) {
+        assert!(*a > 0.005 && (a - b).abs() < 0.05 * a, "{coarse:?} {fine:?}");
+    }
+}
