@@ -73,6 +73,12 @@ impl Forecast {
 /// Rays of a view at most, as long as each tile has one: an object of 0.2 m at 1.2 m takes some 4,000.
 const MAX_RAYS: u32 = 16_000;
 
+/// The stride, doubled while the tiles would take more than [`MAX_RAYS`]: where a scene fills the image, fewer do.
+pub(super) fn bounded_stride(stride: u32, tiles: u32) -> u32 {
+    let fits = |s: &u32| *s >= TILE || tiles * TILE.div_ceil(*s).pow(2) <= MAX_RAYS;
+    (0..TILE).map(|k| stride << k).find(fits).unwrap_or(stride)
+}
+
 impl Marcher<'_> {
     /// Follows every `stride`-th pixel of every `stride`-th row of a view.
     pub(super) fn forecast(&self, camera: &PinholeCamera, view: &View, stride: u32) -> Forecast {
@@ -82,9 +88,7 @@ impl Marcher<'_> {
         let rotation = view.world_from_camera().rotation.to_rotation_matrix().into_inner().cast::<f32>();
         let eye = self.grid().local(&view.position);
         let tiles = Tiles::new(camera, &eye, &rotation, self.occupied());
-        // Where a scene fills the image, fewer rays do.
-        let rays = |stride: u32| tiles.spans().count() as u32 * (TILE / stride).pow(2);
-        let stride = (0..4).map(|k| stride << k).find(|&s| s >= TILE || rays(s) <= MAX_RAYS).unwrap_or(stride);
+        let stride = bounded_stride(stride, tiles.spans().count() as u32);
         let [across, down] = [rotation.column(0) / camera.fx as f32, rotation.column(1) / camera.fy as f32];
         let (mut counts, mut covered) = ([0u32; 4], 0f32);
         for tile in tiles.spans() {

@@ -1,3 +1,5 @@
+use super::predict::bounded_stride;
+use super::tiles::TILE;
 use super::*;
 use crate::{DepthImage, PastScan, PinholeCamera, PointCloud, View, rng};
 
@@ -180,4 +182,15 @@ fn a_scene_that_fills_the_image_is_sampled_coarser() {
     for (a, b) in coarse.iter().zip(fine) {
         assert!(*a > 0.005 && (a - b).abs() < 0.05 * a, "{coarse:?} {fine:?}");
     }
+}
+
+#[test]
+fn rays_of_a_view_are_bounded() {
+    // An object of 0.2 m at 1.2 m shows in some 225 tiles, a full image of 1280 x 720 in 14,400.
+    assert_eq!(bounded_stride(2, 225), 2, "few rays stay as asked");
+    for stride in 1..=4 {
+        let s = bounded_stride(stride, 14_400);
+        assert!(s >= TILE || 14_400 * TILE.div_ceil(s).pow(2) <= 16_000, "{stride} becomes {s}");
+    }
+    assert_eq!(bounded_stride(16, 14_400), 16, "coarser than a tile is coarse enough");
 }
