@@ -32,6 +32,8 @@ impl Tiles {
         let [focal, middle] = [[camera.fx, camera.fy], [camera.cx, camera.cy]].map(|v| v.map(|x| x as f32));
         let half = BLOCK as f32 / 2.0;
         let radius = half * 3f32.sqrt();
+        // Of blocks around the eye, which any tile may show.
+        let mut everywhere = [f32::MAX, 0.0f32];
         let shown: Vec<([usize; 4], f32)> = blocks
             .iter()
             .filter_map(|block| {
@@ -39,12 +41,13 @@ impl Tiles {
                 if p.z < -radius {
                     return None;
                 }
+                if p.z < 2.0 * radius {
+                    everywhere = [everywhere[0].min(p.norm() - radius), everywhere[1].max(p.norm() + radius)];
+                    return None;
+                }
                 // The box around the ball around the block, which no rotation leaves.
                 let tile = |k: usize| {
                     let (low, high) = (p[k] - radius, p[k] + radius);
-                    if p.z < 2.0 * radius {
-                        return Some([0, count[k] - 1]);
-                    }
                     let nearest = |x: f32, z: f32| ((focal[k] * x / z + middle[k]) / TILE as f32).floor();
                     let least = nearest(low, p.z - radius).min(nearest(low, p.z + radius));
                     let most = nearest(high, p.z - radius).max(nearest(high, p.z + radius));
@@ -55,14 +58,14 @@ impl Tiles {
                 Some(([columns[0], columns[1], rows[0], rows[1]], p.norm()))
             })
             .collect();
-        let mut first = [usize::MAX; 2];
-        let mut end = [0; 2];
+        let all = everywhere[0] < everywhere[1];
+        let (mut first, mut end) = if all { ([0; 2], count) } else { ([usize::MAX; 2], [0; 2]) };
         for ([c0, c1, r0, r1], _) in &shown {
             first = [first[0].min(*c0), first[1].min(*r0)];
             end = [end[0].max(c1 + 1), end[1].max(r1 + 1)];
         }
         let size = [0, 1].map(|k| end[k].saturating_sub(first[k]));
-        let mut spans = vec![[f32::MAX, 0.0]; size[0] * size[1]];
+        let mut spans = vec![everywhere; size[0] * size[1]];
         for ([c0, c1, r0, r1], distance) in shown {
             for row in r0..=r1 {
                 let start = (row - first[1]) * size[0];
