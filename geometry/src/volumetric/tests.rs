@@ -1,5 +1,5 @@
 use super::predict::bounded_stride;
-use super::tiles::TILE;
+use super::tiles::{TILE, Tiles};
 use super::*;
 use crate::{DepthImage, PastScan, PinholeCamera, PointCloud, View, rng};
 
@@ -193,4 +193,18 @@ fn rays_of_a_view_are_bounded() {
         assert!(s >= TILE || 14_400 * TILE.div_ceil(s).pow(2) <= 16_000, "{stride} becomes {s}");
     }
     assert_eq!(bounded_stride(16, 14_400), 16, "coarser than a tile is coarse enough");
+}
+
+#[test]
+fn every_tile_shows_a_block_around_the_eye() {
+    let camera = PinholeCamera::from_fov_y(160, 120, 0.5);
+    let tiles = |blocks: &[[usize; 3]]| Tiles::new(&camera, &[6.0, 6.0, 3.0], &nalgebra::Matrix3::identity(), blocks);
+    let around = tiles(&[[4, 4, 4]]);
+    assert_eq!(around.spans().count(), 20 * 15, "all tiles");
+    assert!(around.spans().all(|s| s.near < 1.0 && s.far > 6.0), "from before to behind the block");
+    // One far ahead beside it must not narrow what they show; alone it shows in the middle only.
+    assert!(tiles(&[[4, 4, 4], [4, 4, 80]]).spans().all(|s| s.near < 1.0 && s.far > 6.0));
+    let ahead = tiles(&[[4, 4, 80]]).spans().count();
+    assert!(ahead > 0 && ahead < 20, "{ahead} tiles");
+    assert_eq!(Tiles::new(&camera, &[6.0, 6.0, 30.0], &nalgebra::Matrix3::identity(), &[[4, 4, 4]]).spans().count(), 0);
 }
