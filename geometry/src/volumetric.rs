@@ -167,7 +167,7 @@ impl Planner for VolumetricPlanner {
         let covered = cloud.len() as f64 / total;
         self.coverage = covered;
         let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
-        let marcher = Marcher::new(&grid);
+        let marcher = Marcher::new(&grid, carves);
         let stride = self.config.stride_px.max(1);
         let mut ranked: Vec<RankedView> = candidates
             .iter()

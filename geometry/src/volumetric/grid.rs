@@ -3,6 +3,7 @@
 //! Flat arrays with the voxels' coordinates x fastest, each axis padded by free voxels so that no neighbour needs a
 //! bounds test.
 
+use super::membrane::Membrane;
 use crate::{DepthImage, Misses, PastScan, PinholeCamera, PointCloud, Seen};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -33,8 +34,7 @@ pub(super) struct VoxelGrid {
     low: Point3<f64>,
     /// [`FREE`], [`HOLLOW`], [`SOLID`] or [`SURFACE`].
     pub(super) code: Vec<u8>,
-    /// The membrane: 0 in free voxels, 0.5 in the surface, up to 1 inside.
-    pub(super) chi: Vec<f32>,
+    pub(super) membrane: Membrane,
     /// Place of a surface voxel in `surface`.
     slot: Vec<u32>,
     /// Voxels never seen, rising.
@@ -66,7 +66,7 @@ impl VoxelGrid {
             inner,
             low,
             code: vec![FREE; n],
-            chi: vec![0.0; n],
+            membrane: Membrane::new(side),
             slot: vec![u32::MAX; n],
             unknown: Vec::with_capacity(inner.pow(3)),
             surface: Vec::new(),
@@ -147,16 +147,16 @@ impl VoxelGrid {
         let Some(i) = self.index(p) else { return };
         if self.code[i] != SURFACE {
             self.code[i] = SURFACE;
-            self.chi[i] = 0.5;
+            self.membrane.set(i, 0.5);
             self.slot[i] = self.surface.len() as u32;
             self.surface.push(SurfaceVoxel { index: i as u32, normal: [0.0; 3], covered: 1.0 });
         }
     }
 
-    fn free(code: &mut [u8], chi: &mut [f32], i: usize) {
-        if code[i] != SURFACE {
+    fn free(code: &mut [u8], membrane: &mut Membrane, i: usize) {
+        if matches!(code[i], HOLLOW | SOLID) {
             code[i] = FREE;
-            chi[i] = 0.0;
+            membrane.set(i, 0.0);
         }
     }
 
@@ -189,7 +189,7 @@ impl VoxelGrid {
             let (column, row) = ((u as usize).wrapping_sub(x0), (v as usize).wrapping_sub(y0));
             let measured = if column < columns && row < rows { depth.depth[row * columns + column] } else { 0.0 };
             if if measured > 0.0 { z < measured - margin } else { on_miss } {
-                Self::free(&mut self.code, &mut self.chi, i as usize);
+                Self::free(&mut self.code, &mut self.membrane, i as usize);
             }
         }
     }
@@ -203,14 +203,21 @@ impl VoxelGrid {
             if !(length > margin && length.is_finite()) {
                 continue;
             }
-            // No farther back than the cube's diagonal.
-            let reach = length.min(2.0 * self.side as f64 * self.voxel);
-            let mut back = margin;
-            while back < reach {
-                if let Some(i) = self.index(&(p - ray * (back / length))) {
-                    Self::free(&mut self.code, &mut self.chi, i);
+            // Back from the point, as far as the ray is in the cube.
+            let (mut first, mut end) = (margin, length);
+            for k in 0..3 {
+                let faces = [0.0, self.side as f64 * self.voxel].map(|x| (p[k] - self.low[k] - x) / ray[k] * length);
+                first = first.max(faces[0].min(faces[1]));
+                end = end.min(faces[0].max(faces[1]));
+            }
+            // In voxels, a half at a time.
+            let (start, step) = ((p - self.low) / self.voxel, ray * (-0.5 / length));
+            let [first, end] = [first, end].map(|back| (2.0 * (back - margin) / self.voxel).ceil().max(0.0) as usize);
+            for k in first..end {
+                let at = start + step * (1.5 + k as f64);
+                if let Some(i) = self.index_at(&at.map(|x| x as f32).into()) {
+                    Self::free(&mut self.code, &mut self.membrane, i);
                 }
-                back += 0.5 * self.voxel;
             }
         }
     }
@@ -236,7 +243,7 @@ impl VoxelGrid {
                 && self.code[i] == HOLLOW
             {
                 self.code[i] = SOLID;
-                self.chi[i] = 1.0;
+                self.membrane.set(i, 1.0);
             }
         }
         self.borrow_normals();

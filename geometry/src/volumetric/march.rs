@@ -26,21 +26,26 @@ pub(super) enum Hit {
 /// A grid with cells that know how far they are from what may stop a ray.
 pub(super) struct Marcher<'a> {
     grid: &'a VoxelGrid,
+    /// Whether the space in front of all is free; else every ray is taken to start in unknown space.
+    carves: bool,
     /// Cells along an axis.
     cells: usize,
     /// Steps that a ray in the cell may take at once; 0: it must look at every voxel. First for rays in free space,
     /// then for those that have met unknown space, which only the membrane and the surface stop.
     leaps: [Vec<u8>; 2],
-    /// Blocks that are not wholly free, by their first voxel.
+    /// Blocks with something that may stop a ray or be unknown to it, by their first voxel.
     occupied: Vec<[usize; 3]>,
 }
 
 impl<'a> Marcher<'a> {
-    pub(super) fn new(grid: &'a VoxelGrid) -> Self {
+    /// `carves` is whether misses carve. Where they do not, nearly all space stays unknown, and where rays enter it
+    /// means nothing: they start in it, and only what stops them counts.
+    pub(super) fn new(grid: &'a VoxelGrid, carves: bool) -> Self {
         let (blocks, cells) = (grid.side / BLOCK, grid.side / CELL);
         let mut stops = [vec![0u8; cells.pow(3)], vec![0u8; cells.pow(3)]];
         let mut occupied = vec![false; blocks.pow(3)];
-        for i in grid.unknown.iter().copied().chain(grid.surface.iter().map(|s| s.index)) {
+        let counts = |&i: &u32| carves || grid.code[i as usize] != HOLLOW;
+        for i in grid.unknown.iter().copied().chain(grid.surface.iter().map(|s| s.index)).filter(counts) {
             let at = grid.coordinates(i);
             let within = |edge: usize, count: usize| (at[2] / edge * count + at[1] / edge) * count + at[0] / edge;
             occupied[within(BLOCK, blocks)] = true;
@@ -50,7 +55,7 @@ impl<'a> Marcher<'a> {
         }
         let corner = |b: usize| [b % blocks, b / blocks % blocks, b / (blocks * blocks)].map(|c| c * BLOCK);
         let occupied = (0..occupied.len()).filter(|&b| occupied[b]).map(corner).collect();
-        Self { grid, cells, leaps: stops.map(|stops| leaps(stops, cells)), occupied }
+        Self { grid, carves, cells, leaps: stops.map(|stops| leaps(stops, cells)), occupied }
     }
 
     pub(super) fn grid(&self) -> &VoxelGrid {
@@ -70,8 +75,8 @@ impl<'a> Marcher<'a> {
         let mut left = (far / STEP) as i32 - first;
         let mut at = [0, 1, 2].map(|k| ((eye[k] + ray[k] * (first as f32 * STEP)) * ONE) as i32);
         let step = ray.map(|r| (r * (STEP * ONE)) as i32);
-        let mut hidden = false;
-        let mut leaps = &self.leaps[0];
+        let mut hidden = !self.carves;
+        let mut leaps = &self.leaps[usize::from(hidden)];
         while left >= 0 {
             let [x, y, z] = at.map(|a| (a >> ONE_BITS) as u32 as usize);
             let leap = if x.max(y).max(z) < side {

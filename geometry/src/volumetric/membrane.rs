@@ -6,46 +6,144 @@ use super::grid::{FREE, HOLLOW, SOLID, VoxelGrid};
 /// Sweeps per decision at most, and the over-relaxation.
 const SWEEPS: usize = 40;
 const OMEGA: f32 = 1.8;
-/// Sweeps end when no voxel moved by more than this.
-const SETTLED: f32 = 2e-3;
+/// A row rests while nothing in it or beside it moved by more than this in the last sweep.
+const SETTLED: f32 = 1e-3;
+
+/// A value per voxel: 0 in free ones, 0.5 in the surface, up to 1 inside.
+#[derive(Clone, Debug)]
+pub(super) struct Membrane {
+    /// Voxels along each axis, an even number.
+    side: usize,
+    /// Voxel `i` is element `i / 2` of one of two colors, as on a chessboard: its six neighbours have the other color,
+    /// so that voxels of one can be relaxed in any order, and neighbours in memory together.
+    chi: [Vec<f32>; 2],
+}
+
+/// Unknown voxels of one color with nothing else between them in their row along x.
+struct Run {
+    row: usize,
+    start: usize,
+    len: usize,
+    /// 1 where their x is odd, else 0.
+    odd: usize,
+}
+
+impl Run {
+    fn voxels(&self) -> impl Iterator<Item = usize> {
+        (self.start..self.start + self.len).map(|j| 2 * j + self.odd)
+    }
+}
+
+impl Membrane {
+    pub(super) fn new(side: usize) -> Self {
+        let half = vec![0.0; side.pow(3) / 2];
+        Self { side, chi: [half.clone(), half] }
+    }
+
+    pub(super) fn set(&mut self, i: usize, value: f32) {
+        let color = self.color(i);
+        self.chi[color][i / 2] = value;
+    }
+
+    #[cfg(test)]
+    pub(super) fn get(&self, i: usize) -> f32 {
+        self.chi[self.color(i)][i / 2]
+    }
+
+    fn color(&self, i: usize) -> usize {
+        let row = i / self.side;
+        (i + row + row / self.side) % 2
+    }
+
+    /// The voxels of a row from one to before another, by color.
+    fn runs(&self, from: usize, to: usize) -> [Run; 2] {
+        [0, 1].map(|color| {
+            let odd = (from + self.color(from) + color) % 2;
+            let start = (from + 1 - odd) / 2;
+            Run { row: from / self.side, start, len: (to + 1 - odd) / 2 - start, odd }
+        })
+    }
+
+    /// Relaxes these runs of one color. `moved` is by how much the voxels of each row, by color, did in their last
+    /// sweep at most. False if all rest.
+    fn sweep(&mut self, color: usize, runs: &[Run], moved: &mut [Vec<f32>; 2]) -> bool {
+        let mut any = false;
+        let side = self.side;
+        let (row, plane) = (side / 2, side * side / 2);
+        let (own, other) = by_color(&mut self.chi, color);
+        let (own_moved, other_moved) = by_color(moved, color);
+        for runs in runs.chunk_by(|a, b| a.row == b.row) {
+            let r = runs[0].row;
+            let near = [r, r - 1, r + 1, r - side, r + side].map(|r| other_moved[r]);
+            if near.into_iter().fold(own_moved[r], f32::max) < SETTLED {
+                own_moved[r] = 0.0;
+                continue;
+            }
+            any = true;
+            // Bits of positive numbers are ordered as the numbers are, without a thought for NaN.
+            let mut most = 0;
+            for &Run { start, len, odd, .. } in runs {
+                let own = &mut own[start..start + len];
+                let from = |j: usize| &other[j..j + len];
+                let x = [start + odd - 1, start + odd].map(from);
+                let y = [start - row, start + row].map(from);
+                let z = [start - plane, start + plane].map(from);
+                for k in 0..len {
+                    let sum = (x[0][k] + x[1][k]) + (y[0][k] + y[1][k]) + (z[0][k] + z[1][k]);
+                    let step = OMEGA * (sum * (1.0 / 6.0) - own[k]);
+                    own[k] += step;
+                    most = most.max(step.abs().to_bits() as i32);
+                }
+            }
+            own_moved[r] = f32::from_bits(most as u32);
+        }
+        any
+    }
+}
+
+/// What belongs to one color, and to the other.
+fn by_color<T>([even, odd]: &mut [T; 2], color: usize) -> (&mut T, &T) {
+    if color == 0 { (even, odd) } else { (odd, even) }
+}
 
 impl VoxelGrid {
     /// Relaxes the membrane from where it was, and tells hollow from solid. Returns how many voxels it passes through.
     pub(super) fn relax(&mut self) -> usize {
-        let s = self.side;
-        let (mut red, mut black) = (Vec::new(), Vec::new());
-        for &i in self.unknown.iter().filter(|&&i| self.code[i as usize] == HOLLOW) {
-            let [x, y, z] = self.coordinates(i);
-            if (x + y + z) % 2 == 0 { red.push(i) } else { black.push(i) }
-        }
-        let chi = &mut self.chi[..];
-        // Voxels of a color have neighbours of the other only, so that the order within a color does not matter.
-        let mut sweep = |color: &[u32]| {
-            let mut moved = 0f32;
-            for &i in color {
-                let i = i as usize;
-                let around = [i - 1, i + 1, i - s, i + s, i - s * s, i + s * s].map(|j| chi[j]);
-                let sum = (around[0] + around[1]) + (around[2] + around[3]) + (around[4] + around[5]);
-                let step = OMEGA * (sum * (1.0 / 6.0) - chi[i]);
-                chi[i] += step;
-                moved = moved.max(step.abs());
-            }
-            moved
-        };
+        let runs = self.hollow_runs();
+        // Anything may have changed since the last time.
+        let mut moved = [0, 1].map(|_| vec![1.0; self.side * self.side]);
         for _ in 0..SWEEPS {
-            let moved = sweep(&red);
-            if moved.max(sweep(&black)) < SETTLED {
+            let any = [0, 1].map(|color| self.membrane.sweep(color, &runs[color], &mut moved));
+            if any == [false; 2] {
                 break;
             }
         }
-        for &i in red.iter().chain(&black).filter(|&&i| self.chi[i as usize] > 0.5) {
-            self.code[i as usize] = SOLID;
+        let mut solid = Vec::new();
+        for (chi, runs) in self.membrane.chi.iter().zip(&runs) {
+            solid.extend(runs.iter().flat_map(Run::voxels).filter(|&i| chi[i / 2] > 0.5));
         }
+        for &i in &solid {
+            self.code[i] = SOLID;
+        }
+        let s = self.side;
         let outside = |j: usize| matches!(self.code[j], FREE | HOLLOW);
-        let passes = |&&i: &&u32| {
-            let i = i as usize;
-            self.code[i] == SOLID && [i - 1, i + 1, i - s, i + s, i - s * s, i + s * s].into_iter().any(outside)
-        };
-        red.iter().chain(&black).filter(passes).count()
+        let passes = |&&i: &&usize| [i - 1, i + 1, i - s, i + s, i - s * s, i + s * s].into_iter().any(outside);
+        solid.iter().filter(passes).count()
+    }
+
+    /// The hollow voxels by color.
+    fn hollow_runs(&self) -> [Vec<Run>; 2] {
+        let mut runs = [Vec::new(), Vec::new()];
+        let hollow = |i: u32| self.code[i as usize] == HOLLOW;
+        // Rows end in free voxels, so that none goes on in the next.
+        for voxels in self.unknown.chunk_by(|&a, &b| b == a + 1 && hollow(a) == hollow(b)).filter(|v| hollow(v[0])) {
+            let first = voxels[0] as usize;
+            for (runs, run) in runs.iter_mut().zip(self.membrane.runs(first, first + voxels.len())) {
+                if run.len > 0 {
+                    runs.push(run);
+                }
+            }
+        }
+        runs
     }
 }

@@ -67,7 +67,7 @@ fn from_z(z: f64) -> View {
 fn a_view_from_the_same_place_overlaps_wholly() {
     let state = ball(Misses::Free);
     let grid = prepared(&state);
-    let marcher = Marcher::new(&grid);
+    let marcher = Marcher::new(&grid, true);
     let same = marcher.forecast(&state.camera, &from_z(1.2), 2);
     let behind = marcher.forecast(&state.camera, &from_z(-1.2), 2);
     assert!(same.overlap().unwrap() > 0.9, "{same:?}");
@@ -119,7 +119,7 @@ fn every_step(grid: &VoxelGrid, camera: &PinholeCamera, view: &View, stride: u32
 fn leaps_and_tiles_change_nothing() {
     let state = ball(Misses::Free);
     let grid = prepared(&state);
-    let marcher = Marcher::new(&grid);
+    let marcher = Marcher::new(&grid, true);
     let camera = PinholeCamera::from_fov_y(80, 60, 0.5);
     // From far, from the side, off the axis, and from among the voxels.
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6], [0.1, 0.1, 0.15], [0.02, -0.01, -0.12]] {
@@ -135,6 +135,63 @@ fn leaps_and_tiles_change_nothing() {
         assert!(slow.hidden + slow.known > 50.0, "{at:?} sees {slow:?}");
         // Rounding moves a sample across a face now and then.
         assert!(pairs.iter().all(|(a, b)| (a - b).abs() <= 2.0 + 0.002 * b), "{at:?}: {fast:?} {slow:?}");
+    }
+}
+
+#[test]
+fn where_misses_mean_nothing_the_same_stops_the_rays() {
+    let state = ball(Misses::Unknown);
+    let grid = prepared(&state);
+    let [told, untold] = [true, false].map(|carves| Marcher::new(&grid, carves));
+    for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6]] {
+        let view = View { target: Point3::new(0.01, 0.02, 0.0), position: at.into() };
+        let [a, b] = [&told, &untold].map(|m| m.forecast(&state.camera, &view, 4));
+        let pairs = [(a.expected, b.expected), (a.known + a.known_behind, b.known_behind), (a.covered, b.covered)];
+        assert!(a.expected + a.known > 500.0 && b.known == 0.0, "{at:?} sees {a:?}, {b:?}");
+        assert!(pairs.iter().all(|(a, b)| (a - b).abs() <= 32.0 + 0.002 * b), "{at:?}: {a:?} {b:?}");
+    }
+}
+
+#[test]
+fn rays_carve_the_cube_wherever_they_end() {
+    let unknown_after = |end: Option<[f64; 3]>| {
+        let mut grid = VoxelGrid::new(&Point3::origin(), 0.1, 0.01);
+        let seen = Seen::Points(end.into_iter().map(Point3::from).collect());
+        grid.carve(&PastScan { world_from_camera: from_z(1.0).world_from_camera(), seen });
+        grid.unknown.len()
+    };
+    let carved = |end| unknown_after(None) - unknown_after(Some(end));
+    assert_eq!(carved([0.005, 0.005, 0.005]), 10, "up to the point, which is surface");
+    assert_eq!(carved([0.005, 0.005, -50.0]), 20, "through the whole cube");
+    assert_eq!(carved([0.005, 0.005, 0.5]), 0, "in front of it");
+    assert_eq!(carved([0.5, 0.005, 0.0]), 0, "beside it");
+}
+
+#[test]
+fn the_membrane_is_that_of_relaxing_voxel_by_voxel() {
+    use super::grid::{HOLLOW, SOLID};
+    for misses in [Misses::Free, Misses::Unknown] {
+        let state = ball(misses);
+        let mut grid = VolumetricPlanner::default().carved_grid(&state);
+        grid.set_cloud(&state.cloud);
+        let s = grid.side;
+        let hollow = |i: &usize| grid.code[*i] == HOLLOW;
+        let colored =
+            |c: usize| (0..s.pow(3)).filter(hollow).filter(move |i| (i % s + i / s % s + i / (s * s)) % 2 == c);
+        let order: Vec<usize> = colored(0).chain(colored(1)).collect();
+        let mut chi: Vec<f32> = (0..s.pow(3)).map(|i| grid.membrane.get(i)).collect();
+        for _ in 0..40 {
+            for &i in &order {
+                let around = [i - 1, i + 1, i - s, i + s, i - s * s, i + s * s].map(|j| chi[j]);
+                chi[i] += 1.8 * (around.iter().sum::<f32>() / 6.0 - chi[i]);
+            }
+        }
+        let passed = grid.relax();
+        let solid = order.iter().filter(|&&i| chi[i] > 0.5).count();
+        let wrong = order.iter().filter(|&&i| (grid.code[i] == SOLID) != (chi[i] > 0.5)).count();
+        let off = order.iter().map(|&i| (grid.membrane.get(i) - chi[i]).abs()).fold(0.0, f32::max);
+        assert!(passed > 200 && solid > 2000, "{misses:?}: {solid} solid, the membrane passes {passed}");
+        assert!(off < 0.02 && wrong * 500 < solid, "{misses:?}: up to {off} off, {wrong} of {solid} wrong");
     }
 }
 
@@ -172,7 +229,7 @@ fn no_gain_exceeds_what_is_missing() {
 fn a_scene_that_fills_the_image_is_sampled_coarser() {
     let state = ball(Misses::Free);
     let grid = prepared(&state);
-    let marcher = Marcher::new(&grid);
+    let marcher = Marcher::new(&grid, true);
     // The ball from near, at two resolutions: the finer one is over the limit.
     let [coarse, fine] = [(320, 240), (1280, 960)].map(|(w, h)| {
         let camera = PinholeCamera::from_fov_y(w, h, 1.0);

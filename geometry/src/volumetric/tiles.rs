@@ -48,7 +48,7 @@ impl Tiles {
                 // The box around the ball around the block, which no rotation leaves.
                 let tile = |k: usize| {
                     let (low, high) = (p[k] - radius, p[k] + radius);
-                    let nearest = |x: f32, z: f32| ((focal[k] * x / z + middle[k]) / TILE as f32).floor();
+                    let nearest = |x: f32, z: f32| (focal[k] * x / z + middle[k]) / TILE as f32;
                     let least = nearest(low, p.z - radius).min(nearest(low, p.z + radius));
                     let most = nearest(high, p.z - radius).max(nearest(high, p.z + radius));
                     (most >= 0.0 && least < count[k] as f32)
