@@ -414,6 +414,7 @@ fn first_scan(simulator: &mut Simulator, samples: &[Point3<f64>], rng: &mut ChaC
             working_distance: config.working_distance_m,
             tolerance: config.tolerance_m,
             camera: config.image.camera(),
+            near: None,
         };
         return Ok(Start {
             view,

@@ -5,6 +5,7 @@
 //! nearby origin, in cell order, x fastest, so that a row of cells is one contiguous slice.
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// The table never has more cells than this; the cell grows instead.
 const MAX_CELLS: f64 = 8e6;
@@ -272,6 +273,35 @@ impl NeighborGrid {
         all
     }
 
+    /// [`Self::neighborhoods`] on all cores: the same answers.
+    pub fn neighborhoods_in_parallel(&self, num_points: usize, k: usize) -> Neighborhoods {
+        const SLOTS: usize = 512;
+        let k = k.min(self.len());
+        let keys: Vec<Vec<u64>> = (0..self.len())
+            .into_par_iter()
+            .step_by(SLOTS)
+            .map(|first| {
+                let mut scratch = Scratch::default();
+                let slots = first..(first + SLOTS).min(self.len());
+                let mut keys = Vec::with_capacity(slots.len() * k);
+                for slot in slots {
+                    let q = [self.x[slot], self.y[slot], self.z[slot]];
+                    keys.extend_from_slice(self.nearest_keys(q, k, &mut scratch));
+                }
+                keys
+            })
+            .collect();
+        let mut all =
+            Neighborhoods { k, ids: vec![u32::MAX; num_points * k], distances2: vec![f32::INFINITY; num_points * k] };
+        for (&id, keys) in self.ids.iter().zip(keys.iter().flat_map(|keys| keys.chunks_exact(k.max(1)))) {
+            let start = id as usize * k;
+            for ((id, d2), &key) in all.ids[start..].iter_mut().zip(&mut all.distances2[start..]).zip(keys) {
+                (*id, *d2) = (key as u32, f32::from_bits((key >> 32) as u32));
+            }
+        }
+        all
+    }
+
     /// Keys of the k nearest points, sorted. `scratch.radius` is only a first guess: the answer is exact.
     fn nearest_keys<'s>(&self, q: [f32; 3], k: usize, scratch: &'s mut Scratch) -> &'s [u64] {
         let k = k.min(self.len());
@@ -369,7 +399,11 @@ impl NeighborGrid {
 /// Mean distance from each point to the nearest other one, metres: the *grid size* of a first scan (method,
 /// 'Setting'). 0 for fewer than two points. Non-finite points do not count.
 pub fn mean_spacing(points: &[Point3<f64>]) -> f64 {
-    let neighborhoods = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 2);
+    mean_spacing_among(points, &NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 2))
+}
+
+/// [`mean_spacing`] where neighbourhoods of two points, or more, are already known.
+pub fn mean_spacing_among(points: &[Point3<f64>], neighborhoods: &Neighborhoods) -> f64 {
     if neighborhoods.k() < 2 {
         return 0.0;
     }

@@ -9,12 +9,13 @@ use nalgebra::{Matrix3, Point3, Vector3};
 /// is some unit vector perpendicular to them, (0, 0, 1) if nothing is known; so too for non-finite points.
 pub fn estimate_normals(points: &[Point3<f64>], neighbors: usize) -> Vec<Vector3<f64>> {
     let grid = NeighborGrid::new(points, 0.0);
-    normals_of(points, &grid.neighborhoods(points.len(), neighbors))
+    normals_of(points, &grid.neighborhoods(points.len(), neighbors), neighbors)
 }
 
-/// [`estimate_normals`] where the neighbourhoods are already known.
-pub fn normals_of(points: &[Point3<f64>], neighborhoods: &Neighborhoods) -> Vec<Vector3<f64>> {
-    let normal = |i: usize| least_spread(&covariance(points, &points[i], neighborhoods.ids(i)));
+/// [`estimate_normals`] where neighbourhoods of so many points, or more, are already known.
+pub fn normals_of(points: &[Point3<f64>], neighborhoods: &Neighborhoods, neighbors: usize) -> Vec<Vector3<f64>> {
+    let k = neighbors.min(neighborhoods.k());
+    let normal = |i: usize| least_spread(&covariance(points, &points[i], &neighborhoods.ids(i)[..k]));
     (0..points.len()).map(normal).collect()
 }
 

@@ -1,7 +1,7 @@
 //! Consistent orientation of normals where no camera position is known (after Hoppe et al. 1992).
 
 use crate::PointCloud;
-use crate::neighbors::NeighborGrid;
+use crate::neighbors::{NeighborGrid, Neighborhoods};
 use nalgebra::Vector3;
 
 const BUCKETS: usize = 1 << 12;
@@ -12,13 +12,20 @@ const BUCKETS: usize = 1 << 12;
 /// Thin sheets, seen from both sides at less than a few spacings, can go wrong (11 % of the Statue of Liberty's
 /// points); where camera positions are known, [`crate::orient_normals_toward`] is right everywhere.
 pub fn orient_normals_consistent(cloud: &mut PointCloud, neighbors: usize) {
+    let grid = NeighborGrid::new(&cloud.points, 0.0);
+    let neighborhoods = grid.neighborhoods(cloud.len(), neighbors + 1);
+    orient_normals_among(cloud, &neighborhoods, neighbors);
+}
+
+/// [`orient_normals_consistent`] where neighbourhoods of `neighbors + 1` points, or more, are already known.
+pub fn orient_normals_among(cloud: &mut PointCloud, neighborhoods: &Neighborhoods, neighbors: usize) {
     if !cloud.has_normals() || cloud.is_empty() {
         return;
     }
     let n = cloud.len();
-    let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(n, neighbors + 1);
+    let k = neighborhoods.k().min(neighbors + 1);
     let edges = (0..n as u32).flat_map(|i| {
-        let others = neighborhoods.ids(i as usize).iter().copied();
+        let others = neighborhoods.ids(i as usize)[..k].iter().copied();
         others.filter(move |&j| j != i && j != u32::MAX).map(move |j| (i, j))
     });
     let mut forest = SignedForest::new(n);

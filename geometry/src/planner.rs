@@ -1,8 +1,10 @@
 //! What a policy may see, and what it answers.
 
+use crate::neighbors::{NeighborGrid, Neighborhoods};
 use crate::{DepthImage, PinholeCamera, PointCloud, View};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
+use std::borrow::Cow;
 
 /// What a pixel without a return says about its ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -58,6 +60,20 @@ pub struct ScanState {
     pub tolerance: f64,
     /// Camera that will take the next scan.
     pub camera: PinholeCamera,
+    /// Neighbourhoods of the cloud's points, where whoever made it knows them already.
+    pub near: Option<Neighborhoods>,
+}
+
+impl ScanState {
+    /// The neighbourhoods of `k` points, found anew where they are not known.
+    pub fn neighborhoods(&self, k: usize) -> Cow<'_, Neighborhoods> {
+        let points = &self.cloud.points;
+        let known = self.near.as_ref().filter(|near| near.len() == points.len() && near.k() == k.min(points.len()));
+        known.map_or_else(
+            || Cow::Owned(NeighborGrid::new(points, 2.0 * self.grid_size).neighborhoods(points.len(), k)),
+            Cow::Borrowed,
+        )
+    }
 }
 
 /// A candidate for the next view, made at a boundary point of the cloud (method, 'Boundary and candidate views').
@@ -115,4 +131,25 @@ pub trait Planner {
 
     /// Forget what was remembered of the current object: a new episode starts.
     fn reset(&mut self) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_neighborhoods_are_taken_where_they_fit() {
+        let points: Vec<_> = (0..50).map(|i| Point3::new(f64::from(i * i), 0.0, 0.0)).collect();
+        let find = |k| NeighborGrid::new(&points, 0.0).neighborhoods(50, k);
+        let cloud = PointCloud { points: points.clone(), ..Default::default() };
+        let mut state = ScanState { cloud, near: Some(find(30)), ..Default::default() };
+        let known = |state: &ScanState, k| matches!(state.neighborhoods(k), Cow::Borrowed(_));
+        assert!(known(&state, 30) && !known(&state, 20), "as many as asked for");
+        state.near = Some(find(50));
+        assert!(known(&state, 60), "or all there are");
+        state.cloud.points.pop();
+        assert!(!known(&state, 50), "of another cloud");
+        assert_eq!(state.neighborhoods(30).len(), 49);
+        assert_eq!(state.neighborhoods(30).ids(7), find(30).ids(7), "found anew");
+    }
 }

@@ -9,12 +9,13 @@ mod tiles;
 
 use crate::candidates::candidate_views_among;
 use crate::coverage::overlap_response;
-use crate::{Angles, CandidateConfig, Misses, NeighborGrid, PastScan, Planner, RankedView, ScanState, Seen, View};
+use crate::{Angles, CandidateConfig, CandidateView, Misses, PastScan, Planner, RankedView, ScanState, Seen, View};
 use grid::VoxelGrid;
 use march::Marcher;
 use nalgebra::{Point3, Vector3};
 use predict::Forecast;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 /// A cube in which the object stands.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -156,8 +157,7 @@ impl Planner for VolumetricPlanner {
         if state.scans.is_empty() || cloud.is_empty() || !cloud.has_normals() {
             return Vec::new();
         }
-        let near = NeighborGrid::new(&cloud.points, 2.0 * state.grid_size)
-            .neighborhoods(cloud.len(), self.config.candidates.boundary.neighbors);
+        let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
         let candidates = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
         let mut grid = self.carved_grid(state);
         grid.set_cloud(cloud);
@@ -169,17 +169,19 @@ impl Planner for VolumetricPlanner {
         let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
         let marcher = Marcher::new(&grid, carves);
         let stride = self.config.stride_px.max(1);
-        let mut ranked: Vec<RankedView> = candidates
-            .iter()
-            .map(|c| {
-                let forecast = marcher.forecast(&state.camera, &c.view, stride);
-                let novelty = novelty(&c.view, &state.scans);
-                let (score, overlap) = self.score(&forecast, novelty, covered, total, carves);
-                // No view can add more than what is missing.
-                let gain = (forecast.expected / total).min(1.0 - covered);
-                RankedView { view: c.view, score, gain: Some(gain), overlap }
-            })
-            .collect();
+        let rank = |c: &CandidateView| {
+            let forecast = marcher.forecast(&state.camera, &c.view, stride);
+            let novelty = novelty(&c.view, &state.scans);
+            let (score, overlap) = self.score(&forecast, novelty, covered, total, carves);
+            // No view can add more than what is missing.
+            let gain = (forecast.expected / total).min(1.0 - covered);
+            RankedView { view: c.view, score, gain: Some(gain), overlap }
+        };
+        // Episodes side by side, on threads of rayon's, fill the cores already.
+        let mut ranked: Vec<RankedView> = match rayon::current_thread_index() {
+            Some(_) => candidates.iter().map(rank).collect(),
+            None => candidates.par_iter().map(rank).collect(),
+        };
         let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < self.config.min_overlap;
         ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));
         self.grid = Some(grid);

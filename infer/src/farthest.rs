@@ -2,8 +2,7 @@
 //!
 //! No learning, no voxels; a strong yardstick (planner, sections 0 and 1: 'least angle to past cameras').
 
-use geometry::{CandidateConfig, candidate_views};
-use geometry::{Planner, RankedView, ScanState};
+use geometry::{CandidateConfig, Planner, RankedView, ScanState, candidate_views_among};
 use nalgebra::{Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 
@@ -34,7 +33,9 @@ impl Planner for FarthestPlanner {
         if past.is_empty() {
             past.extend(state.cloud.normals.iter().sum::<Vector3<f64>>().try_normalize(0.0));
         }
-        let mut ranked: Vec<RankedView> = candidate_views(&state.cloud, state.working_distance, &self.candidates, rng)
+        let near = state.neighborhoods(self.candidates.boundary.neighbors);
+        let candidates = candidate_views_among(&state.cloud, &near, state.working_distance, &self.candidates, rng);
+        let mut ranked: Vec<RankedView> = candidates
             .into_iter()
             .map(|candidate| {
                 let nearest = toward(candidate.view.position)

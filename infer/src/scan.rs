@@ -3,7 +3,8 @@
 use crate::config::InferConfig;
 use crate::thin;
 use geometry::{
-    DepthImage, Misses, PastScan, PinholeCamera, PointCloud, Seen, View, estimate_normals, orient_normals_toward,
+    BoundaryConfig, DepthImage, Misses, NeighborGrid, Neighborhoods, PastScan, PinholeCamera, PointCloud, Seen, View,
+    mean_spacing_among, normals_of, orient_normals_toward,
 };
 use nalgebra::{Isometry3, Point3};
 
@@ -88,14 +89,21 @@ pub(crate) struct PreparedScan {
     pub cloud: PointCloud,
     /// Whether the normals are known to point towards the camera.
     pub oriented: bool,
+    /// Mean distance of its points to the nearest other, metres.
+    pub spacing: f64,
     pub report: ScanReport,
 }
 
-/// Cleans and thins a scan and gives it normals.
+/// The neighbours of a cloud's points, found once for all: as many as the boundary asks for, which is the most.
+pub(crate) fn neighborhoods(points: &[Point3<f64>]) -> Neighborhoods {
+    NeighborGrid::new(points, 0.0).neighborhoods_in_parallel(points.len(), BoundaryConfig::default().neighbors)
+}
+
+/// Cleans and thins a scan and gives it normals; its points' neighbours come with it.
 ///
 /// # Errors
 /// The counts, where fewer than [`MIN_POINTS`] points remain.
-pub(crate) fn prepare(mut scan: Scan, config: &InferConfig) -> Result<PreparedScan, ScanReport> {
+pub(crate) fn prepare(mut scan: Scan, config: &InferConfig) -> Result<(PreparedScan, Neighborhoods), ScanReport> {
     let unprojected;
     let raw = match &mut scan {
         Scan::Cloud { cloud, .. } => &*cloud,
@@ -120,10 +128,12 @@ pub(crate) fn prepare(mut scan: Scan, config: &InferConfig) -> Result<PreparedSc
     let radius = thin::radius_for(&all.points, config.max_points, config.seed);
     let mut cloud = thin::select(&all, &thin::thin(&all.points, radius));
     report.thinned = all.len() - cloud.len();
-    let inliers = thin::without_outliers(&cloud.points, config.outlier_factor);
+    let mut near = neighborhoods(&cloud.points);
+    let inliers = thin::without_outliers(&near, config.outlier_factor);
     report.outliers = cloud.len() - inliers.len();
     if report.outliers > 0 {
         cloud = thin::select(&cloud, &inliers);
+        near = neighborhoods(&cloud.points);
     }
     report.used = cloud.len();
     if cloud.len() < MIN_POINTS {
@@ -131,7 +141,7 @@ pub(crate) fn prepare(mut scan: Scan, config: &InferConfig) -> Result<PreparedSc
     }
     let mut oriented = has_normals;
     if !has_normals {
-        cloud.normals = estimate_normals(&cloud.points, NORMAL_NEIGHBORS);
+        cloud.normals = normals_of(&cloud.points, &near, NORMAL_NEIGHBORS);
         if let Some(from) = scan.camera_position() {
             orient_normals_toward(&mut cloud, &from);
             oriented = true;
@@ -140,7 +150,8 @@ pub(crate) fn prepare(mut scan: Scan, config: &InferConfig) -> Result<PreparedSc
     if let Scan::Cloud { cloud: given, .. } = &mut scan {
         *given = PointCloud::default();
     }
-    Ok(PreparedScan { scan, cloud, oriented, report })
+    let spacing = mean_spacing_among(&cloud.points, &near);
+    Ok((PreparedScan { scan, cloud, oriented, spacing, report }, near))
 }
 
 impl PreparedScan {

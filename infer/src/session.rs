@@ -5,10 +5,10 @@ use crate::choose::{ChooseError, Evidence, Network, Planners, choose};
 use crate::config::{ConfigError, InferConfig};
 use crate::constraints::{Surroundings, count_exclusions};
 use crate::pose::{Pose, world_from_camera};
-use crate::scan::{MIN_POINTS, PreparedScan, Scan, ScanReport, prepare};
+use crate::scan::{MIN_POINTS, PreparedScan, Scan, ScanReport, neighborhoods, prepare};
 use crate::{overlap, stop, thin};
 use geometry::{
-    BoundaryConfig, PointCloud, RankedView, ScanState, boundary_points, mean_spacing, orient_normals_consistent, rng,
+    BoundaryConfig, Neighborhoods, PointCloud, RankedView, ScanState, boundary_among, orient_normals_among, rng,
 };
 use nalgebra::Point3;
 use std::collections::BTreeSet;
@@ -72,7 +72,7 @@ impl Session {
         config.check()?;
         self.planners = Planners::new(self.planners.network.take(), &config);
         self.config = config;
-        self.rebuild();
+        self.rebuild(None);
         Ok(())
     }
 
@@ -81,10 +81,10 @@ impl Session {
     /// # Errors
     /// Too few usable points: the session stays as it was.
     pub fn add_scan(&mut self, scan: Scan) -> Result<ScanReport, SessionError> {
-        let prepared = prepare(scan, &self.config).map_err(SessionError::TooFewPoints)?;
+        let (prepared, near) = prepare(scan, &self.config).map_err(SessionError::TooFewPoints)?;
         let report = prepared.report.clone();
         self.scans.push(prepared);
-        self.rebuild();
+        self.rebuild(Some(near).filter(|_| self.scans.len() == 1));
         Ok(report)
     }
 
@@ -92,7 +92,7 @@ impl Session {
     pub fn undo(&mut self) -> bool {
         let had_one = self.scans.pop().is_some();
         self.planners.reset();
-        self.rebuild();
+        self.rebuild(None);
         had_one
     }
 
@@ -100,7 +100,7 @@ impl Session {
     pub fn reset(&mut self) {
         self.scans.clear();
         self.planners.reset();
-        self.rebuild();
+        self.rebuild(None);
     }
 
     /// Number of scans.
@@ -108,14 +108,15 @@ impl Session {
         self.scans.len()
     }
 
-    /// Memory that the scans hold, roughly, in bytes.
+    /// Memory that the scans and the neighbours of their points hold, roughly, in bytes.
     pub fn memory(&self) -> usize {
         let depth = |scan: &Scan| match scan {
             // Once here and once in the planners' state.
             Scan::Depth { depth, .. } => 8 * depth.depth.len(),
             Scan::Cloud { .. } => 0,
         };
-        self.scans.iter().map(|s| 96 * s.cloud.len() + depth(&s.scan)).sum()
+        let near = self.state.near.as_ref().map_or(0, |near| 8 * near.k() * near.len());
+        near + self.scans.iter().map(|s| 96 * s.cloud.len() + depth(&s.scan)).sum::<usize>()
     }
 
     /// The accumulated cloud that is planned on.
@@ -147,20 +148,18 @@ impl Session {
         let choice = choose(self.config.planner, evidence, self.planners.network.is_some())?;
 
         let (config, num_scans, planners) = (&self.config, self.scans.len(), &mut self.planners);
-        let (cloud, state) = (self.state.cloud.clone(), &mut self.state);
-        let rank = || {
-            let mut ranked: Vec<(RankedView, f64)> = Vec::new();
-            for distance in config.working_distances() {
-                // One stream for all distances: the candidates differ by the distance alone.
-                let mut rng = rng::stream(config.seed, &format!("infer/view/{num_scans}"));
-                state.working_distance = distance;
-                let views = planners.rank(choice.planner, state, &mut rng);
-                ranked.extend(views.into_iter().map(|view| (view, distance)));
-            }
-            ranked
-        };
-        let count_boundary = || boundary_points(&cloud, &BoundaryConfig::default()).len();
-        let (ranked, boundary) = rayon::join(rank, count_boundary);
+        let state = &mut self.state;
+        let mut ranked: Vec<(RankedView, f64)> = Vec::new();
+        for distance in config.working_distances() {
+            // One stream for all distances: the candidates differ by the distance alone.
+            let mut rng = rng::stream(config.seed, &format!("infer/view/{num_scans}"));
+            state.working_distance = distance;
+            let views = planners.rank(choice.planner, state, &mut rng);
+            ranked.extend(views.into_iter().map(|view| (view, distance)));
+        }
+        let boundary = BoundaryConfig::default();
+        let near = state.neighborhoods(boundary.neighbors);
+        let boundary = boundary_among(&state.cloud, &near, near.mean_distance(), &boundary).len();
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
         let known = Surroundings {
             points: &self.state.cloud.points,
@@ -282,9 +281,10 @@ impl Session {
         warnings
     }
 
-    /// The state from all scans; cheap, since each is thinned already.
-    fn rebuild(&mut self) {
-        let grid_size = self.scans.first().map_or(0.0, |scan| mean_spacing(&scan.cloud.points));
+    /// The state from all scans; cheap, since each is thinned already. `near` are the neighbours in the cloud, where
+    /// that is known to be the only scan's.
+    fn rebuild(&mut self, near: Option<Neighborhoods>) {
+        let grid_size = self.scans.first().map_or(0.0, |scan| scan.spacing);
         let mut cloud = PointCloud::default();
         let mut unoriented = BTreeSet::new();
         for scan in &self.scans {
@@ -299,14 +299,12 @@ impl Session {
             let radius =
                 (0.73 * grid_size).max(thin::radius_for(&cloud.points, self.config.max_points, self.config.seed));
             let kept = thin::thin(&cloud.points, radius);
-            let still = |i: &usize| unoriented.contains(i);
-            let all_known = !kept.iter().any(still);
+            unoriented.retain(|i| kept.binary_search(i).is_ok());
             cloud = thin::select(&cloud, &kept);
-            if !all_known {
-                orient_normals_consistent(&mut cloud, ORIENTATION_NEIGHBORS);
-            }
-        } else if !unoriented.is_empty() {
-            orient_normals_consistent(&mut cloud, ORIENTATION_NEIGHBORS);
+        }
+        let near = near.unwrap_or_else(|| neighborhoods(&cloud.points));
+        if !unoriented.is_empty() {
+            orient_normals_among(&mut cloud, &near, ORIENTATION_NEIGHBORS);
         }
         self.state = ScanState {
             cloud,
@@ -316,6 +314,7 @@ impl Session {
             working_distance: self.config.working_distance_m,
             tolerance: self.config.tolerance_m,
             camera: self.config.camera.camera(),
+            near: Some(near),
         };
     }
 }

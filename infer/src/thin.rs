@@ -3,8 +3,7 @@
 //! Voxel averaging depends on how the axes lie; keeping a point only if no kept point is nearer than a radius
 //! does not, so the answers for a moved cloud are the moved answers.
 
-use geometry::neighbors::NeighborGrid;
-use geometry::{PointCloud, mean_spacing, rng};
+use geometry::{Neighborhoods, PointCloud, mean_spacing, rng};
 use nalgebra::Point3;
 use rand::seq::index;
 use std::collections::HashMap;
@@ -102,23 +101,25 @@ pub fn select(cloud: &PointCloud, indices: &[usize]) -> PointCloud {
 }
 
 /// Indices of the points whose mean distance to their eight nearest neighbours is at most `factor` times the
-/// median of that, rising. Factor 0, or fewer than nine points: all.
-pub fn without_outliers(points: &[Point3<f64>], factor: f64) -> Vec<usize> {
+/// median of that, rising. Factor 0, or fewer than nine points: all. `near` has nine points or more.
+pub fn without_outliers(near: &Neighborhoods, factor: f64) -> Vec<usize> {
     const NEIGHBORS: usize = 8;
-    if factor == 0.0 || points.len() <= NEIGHBORS {
-        return (0..points.len()).collect();
+    let all = 0..near.len();
+    if factor == 0.0 || near.k() <= NEIGHBORS {
+        return all.collect();
     }
-    let neighborhoods = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), NEIGHBORS + 1);
-    let distances: Vec<f64> = (0..points.len()).map(|i| neighborhoods.distance_sum(i)).collect();
+    let distance = |i: usize| near.distances2(i)[..=NEIGHBORS].iter().map(|&d2| f64::from(d2).sqrt()).sum();
+    let distances: Vec<f64> = all.clone().map(distance).collect();
     let mut sorted = distances.clone();
-    let (_, median, _) = sorted.select_nth_unstable_by(points.len() / 2, f64::total_cmp);
+    let (_, median, _) = sorted.select_nth_unstable_by(all.len() / 2, f64::total_cmp);
     let most = factor * *median;
-    (0..points.len()).filter(|&i| distances[i] <= most).collect()
+    all.filter(|&i| distances[i] <= most).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geometry::NeighborGrid;
     use nalgebra::{Isometry3, Vector3};
     use rand::Rng;
 
@@ -171,6 +172,10 @@ mod tests {
         points.extend_from_within(..);
         let count = thin(&points, radius_for(&points, 5_000, 0)).len();
         assert!((3_500..6_300).contains(&count), "every point twice: {count}");
+    }
+
+    fn without_outliers(points: &[Point3<f64>], factor: f64) -> Vec<usize> {
+        super::without_outliers(&NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 30), factor)
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The session: what a user relies on, whatever planner decides.
 
-use geometry::{PointCloud, rng};
+use geometry::{NeighborGrid, PointCloud, rng};
 use infer::{Answer, Constraint, Evidence, InferConfig, PlannerName, Scan, Session, SessionError};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand::Rng;
@@ -101,6 +101,28 @@ fn lead_back(config: InferConfig) {
     session.reset();
     assert_eq!(session.next_view(), Err(SessionError::NoScan), "nothing left to plan on");
     assert!(!session.undo(), "nothing to undo");
+}
+
+#[test]
+fn the_neighbours_known_are_those_of_the_cloud() {
+    let other_side = || cap(2_000).iter().map(|p| Point3::new(p.x, p.y, -p.z)).collect();
+    let stray = || cap(2_000).into_iter().chain([Point3::new(0.0, 0.0, 0.5)]).collect();
+    let mut session = Session::new(farthest(), None).expect("defaults");
+    let check = |session: &Session| {
+        let points = &session.state().cloud.points;
+        let known = session.state().near.as_ref().expect("known");
+        let found = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 30);
+        assert_eq!((known.len(), known.k()), (found.len(), found.k()));
+        assert!((0..points.len()).all(|i| known.ids(i) == found.ids(i)));
+        points.len()
+    };
+    session.add_scan(scan(stray(), None)).expect("a scan");
+    let one = check(&session);
+    assert!(one <= 2_000, "the stray point is dropped");
+    session.add_scan(scan(other_side(), None)).expect("a scan");
+    assert!(check(&session) > one, "a scan more");
+    session.undo();
+    assert_eq!(check(&session), one, "and back");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::device::{self, DeviceError};
 use crate::encode::{self, EncodeConfig, EncodeError, Fill};
 use burn::module::Module;
 use burn::tensor::Device;
-use geometry::{CandidateConfig, CandidateView, Observation, Planner, RankedView, ScanState, candidate_views};
+use geometry::{CandidateConfig, CandidateView, Observation, Planner, RankedView, ScanState, candidate_views_among};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -145,7 +145,9 @@ impl Planner for NetPlanner {
     }
 
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
-        let candidates = candidate_views(&state.cloud, state.working_distance, &self.config.candidates, rng);
+        let config = &self.config.candidates;
+        let near = state.neighborhoods(config.boundary.neighbors);
+        let candidates = candidate_views_among(&state.cloud, &near, state.working_distance, config, rng);
         self.last_error = None;
         if candidates.is_empty() {
             return Vec::new();
@@ -163,7 +165,7 @@ impl Planner for NetPlanner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::{PointCloud, rng::stream};
+    use geometry::{PointCloud, candidate_views, rng::stream};
     use nalgebra::{Point3, Vector3};
 
     /// A bumpy open sheet of 600 points, seen from above.

@@ -19,6 +19,18 @@ fn brute_force(grid: &NeighborGrid, query: &Point3<f64>) -> Vec<u64> {
     keys
 }
 
+#[test]
+fn all_cores_find_the_same() {
+    let mut points = random_points(1700, 5);
+    points[3].y = f64::NAN;
+    for k in [0, 1, 30] {
+        let grid = NeighborGrid::new(&points, 0.0);
+        let [one, all] = [grid.neighborhoods(1700, k), grid.neighborhoods_in_parallel(1700, k)];
+        assert_eq!((one.k(), &one.ids, &one.distances2), (all.k(), &all.ids, &all.distances2));
+    }
+    assert!(NeighborGrid::default().neighborhoods_in_parallel(0, 30).is_empty());
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]

@@ -1,7 +1,7 @@
 use super::predict::bounded_stride;
 use super::tiles::{TILE, Tiles};
 use super::*;
-use crate::{DepthImage, PastScan, PinholeCamera, PointCloud, View, rng};
+use crate::{DepthImage, NeighborGrid, PastScan, PinholeCamera, PointCloud, View, rng};
 
 /// A ball of 8 cm seen from +z, by its analytic depth image.
 fn ball(misses: Misses) -> ScanState {
@@ -29,6 +29,7 @@ fn ball(misses: Misses) -> ScanState {
         working_distance: 1.2,
         tolerance: 0.002,
         camera,
+        near: None,
     }
 }
 
