@@ -8,44 +8,57 @@ use crate::{PinholeCamera, PointCloud, View};
 use nalgebra::Vector3;
 
 impl VoxelGrid {
-    /// Estimates which share of the surface in each surface voxel the cloud covers within the tolerance: from eight
-    /// samples in the tangent plane around each point of the cloud. `near` are the neighbours of its points.
+    /// Estimates which share of the surface in each surface voxel the cloud covers within the tolerance: from samples
+    /// in the tangent plane around each point of the cloud, each weighing one over the number of points that could
+    /// have drawn it, so that dense parts count no more than sparse ones. `near` are the neighbours of its points.
     pub(super) fn estimate_covered(&mut self, cloud: &PointCloud, near: &Neighborhoods, tolerance: f64) {
-        let radius = 1.1 * tolerance;
-        let reach2 = (radius + tolerance).powi(2) as f32;
-        let [radius, tolerance] = [radius, tolerance].map(|x| (x / self.voxel) as f32);
-        let circle = [0u8, 1, 2, 3, 4, 5, 6, 7].map(|k| (f32::from(k) * std::f32::consts::FRAC_PI_4).sin_cos());
-        let mut counts = vec![[0u32; 2]; self.surface.len()];
+        let [least, tolerance] = [1.1 * tolerance, tolerance].map(|x| (x / self.voxel) as f32);
+        let to_voxels2 = (self.voxel * self.voxel).recip() as f32;
+        let mut sums = vec![[0f32; 2]; self.surface.len()];
         let points: Vec<[f32; 3]> = cloud.points.iter().map(|p| self.local(p)).collect();
-        // What a neighbour at d must exceed for it to cover the sample at o: |d - o| < tolerance.
-        let excess = radius * radius - tolerance * tolerance;
-        let mut around: Vec<[f32; 4]> = Vec::new();
+        let mut around: Vec<[f32; 3]> = Vec::new();
         for (i, n) in cloud.normals.iter().enumerate() {
             let Some(n) = n.try_normalize(0.0) else { continue };
             let p = points[i];
+            // Only as far as the neighbours tell who covers what.
+            let distances2 = near.distances2(i);
+            let known = (distances2.last().copied().unwrap_or_default() * to_voxels2).sqrt();
+            let radius = (known - tolerance).min(SAMPLED).max(least);
+            let close = distances2.iter().take_while(|&&d2| d2 * to_voxels2 < 4.0 * radius * radius).count();
             around.clear();
-            around.extend(near.ids(i).iter().zip(near.distances2(i)).take_while(|&(_, &d2)| d2 < reach2).map(
-                |(&j, _)| {
-                    let d = [0, 1, 2].map(|k| points[j as usize][k] - p[k]);
-                    [d[0], d[1], d[2], 0.5 * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2] + excess)]
-                },
-            ));
+            around.extend(near.ids(i)[..close].iter().map(|&j| [0, 1, 2].map(|k| points[j as usize][k] - p[k])));
             let any = if n.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
             let a = n.cross(&any).normalize();
-            let [a, b] = [a, n.cross(&a)].map(|v| v.cast::<f32>() * radius);
-            for (sin, cos) in circle {
-                let o = [0, 1, 2].map(|k| a[k] * cos + b[k] * sin);
+            let [a, b] = [a, n.cross(&a)].map(|v| v.cast::<f32>());
+            for k in 0..SAMPLES {
+                // The seeds of a sunflower, turned from point to point.
+                let r = radius * ((k as f32 + 0.5) / SAMPLES as f32).sqrt();
+                let (sin, cos) = (GOLDEN_ANGLE * (SAMPLES * (i % 64) + k) as f32).sin_cos();
+                let o = [0, 1, 2].map(|k| r * (a[k] * cos + b[k] * sin));
                 let Some(slot) = self.slot_at(&[0, 1, 2].map(|k| p[k] + o[k])) else { continue };
-                let covers = |d: &[f32; 4]| d[0] * o[0] + d[1] * o[1] + d[2] * o[2] > d[3];
-                counts[slot][0] += 1;
-                counts[slot][1] += u32::from(around.iter().any(covers));
+                let (mut drawn, mut covered) = (0u32, false);
+                for d in &around {
+                    let d2 = (d[0] - o[0]).powi(2) + (d[1] - o[1]).powi(2) + (d[2] - o[2]).powi(2);
+                    drawn += u32::from(d2 < radius * radius);
+                    covered |= d2 < tolerance * tolerance;
+                }
+                let weight = 1.0 / drawn.max(1) as f32;
+                sums[slot][0] += weight;
+                sums[slot][1] += if covered { weight } else { 0.0 };
             }
         }
-        for (s, [all, near]) in self.surface.iter_mut().zip(counts) {
-            s.covered = if all == 0 { 1.0 } else { near as f32 / all as f32 };
+        for (s, [all, covered]) in self.surface.iter_mut().zip(sums) {
+            s.covered = if all == 0.0 { 1.0 } else { covered / all };
         }
     }
 }
+
+/// Samples around a point of the cloud.
+const SAMPLES: usize = 8;
+/// How far from it they lie at most, voxels.
+const SAMPLED: f32 = 0.7;
+/// Radians.
+const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
 /// Pixels that a view expects, by what they show.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -66,9 +79,12 @@ impl Forecast {
     /// Expected overlap; `None` where nothing is expected to be seen.
     pub(super) fn overlap(&self) -> Option<f64> {
         let seen = self.known + self.known_behind + self.expected;
-        (seen > 0.0).then(|| (1.07 * self.covered / seen).min(1.0))
+        (seen > 0.0).then(|| (TRUST * self.covered / seen).min(1.0))
     }
 }
+
+/// True overlap over what the voxels promise: they reach past the edge of the surface.
+const TRUST: f64 = 0.9;
 
 /// Rays of a view at most, as long as each tile has one: an object of 0.2 m at 1.2 m takes some 4,000.
 const MAX_RAYS: u32 = 16_000;
