@@ -3,20 +3,21 @@
 use crate::PointCloud;
 use crate::neighbors::{NeighborGrid, Neighborhoods};
 use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
 
 /// Unit normals, each up to its sign: direction of least spread of the `neighbors` nearest points, the point itself
 /// included (method: 20). Where the neighbours do not span a plane (under three points, a line, one spot) the answer
 /// is some unit vector perpendicular to them, (0, 0, 1) if nothing is known; so too for non-finite points.
 pub fn estimate_normals(points: &[Point3<f64>], neighbors: usize) -> Vec<Vector3<f64>> {
-    let grid = NeighborGrid::new(points, 0.0);
-    normals_of(points, &grid.neighborhoods(points.len(), neighbors), neighbors)
+    let near = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), neighbors);
+    (0..points.len()).map(|i| least_spread(&covariance(points, &points[i], near.ids(i)))).collect()
 }
 
-/// [`estimate_normals`] where neighbourhoods of so many points, or more, are already known.
-pub fn normals_of(points: &[Point3<f64>], neighborhoods: &Neighborhoods, neighbors: usize) -> Vec<Vector3<f64>> {
-    let k = neighbors.min(neighborhoods.k());
-    let normal = |i: usize| least_spread(&covariance(points, &points[i], &neighborhoods.ids(i)[..k]));
-    (0..points.len()).map(normal).collect()
+/// [`estimate_normals`] on all cores, where neighbourhoods of so many points, or more, are already known.
+pub fn normals_of(points: &[Point3<f64>], near: &Neighborhoods, neighbors: usize) -> Vec<Vector3<f64>> {
+    let k = neighbors.min(near.k());
+    let normal = |i: usize| least_spread(&covariance(points, &points[i], &near.ids(i)[..k]));
+    (0..points.len()).into_par_iter().map(normal).collect()
 }
 
 /// Flips each normal to point towards the viewpoint.
@@ -153,6 +154,15 @@ mod tests {
         for (p, n) in cloud.points.iter().zip(&cloud.normals) {
             assert!(n.dot(&p.coords) > 0.99, "{p} {n}");
         }
+    }
+
+    #[test]
+    fn a_larger_table_gives_the_same_normals() {
+        let points: Vec<_> = (0..400).map(f64::from).map(|i| Point3::new(i.sin(), i.cos(), 0.01 * i)).collect();
+        let near = NeighborGrid::new(&points, 0.0).neighborhoods(points.len(), 30);
+        assert_eq!(normals_of(&points, &near, 20), estimate_normals(&points, 20));
+        assert_ne!(normals_of(&points, &near, 30), estimate_normals(&points, 20));
+        assert_eq!(normals_of(&points[..1], &NeighborGrid::new(&points[..1], 0.0).neighborhoods(1, 30), 20).len(), 1);
     }
 
     #[test]

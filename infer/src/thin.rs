@@ -6,7 +6,7 @@
 use geometry::{Neighborhoods, PointCloud, mean_spacing, rng};
 use nalgebra::Point3;
 use rand::seq::index;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Indices of the points that no earlier kept point is nearer to than `radius`, rising. Radius 0 keeps all but
 /// exact duplicates.
@@ -15,7 +15,7 @@ pub fn thin(points: &[Point3<f64>], radius: f64) -> Vec<usize> {
     let cell = (radius / 3f64.sqrt()).max(f64::MIN_POSITIVE);
     let Some(origin) = points.first() else { return Vec::new() };
     if radius == 0.0 {
-        let mut seen = std::collections::HashSet::with_capacity(points.len());
+        let mut seen = HashSet::with_capacity_and_hasher(points.len(), CellHash::default());
         let bits = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x + 0.0).to_bits());
         return (0..points.len()).filter(|&i| seen.insert(bits(&points[i]))).collect();
     }
