@@ -4,6 +4,7 @@ use crate::episode::{Accumulate, EpisodeConfig, reference_surface};
 use crate::scene::{RenderConfig, RenderScratch, Scene};
 use geometry::candidates::candidate_views_among;
 use geometry::coverage::share_within;
+use geometry::neighbors::GrowingNeighborhoods;
 use geometry::{
     CandidateConfig, CandidateView, NeighborGrid, Planner, PointCloud, RankedView, ScanState, View, ViewScore,
     score_view,
@@ -54,13 +55,22 @@ pub struct SearchPlanner<'a> {
     config: SearchConfig,
     reference: Vec<Point3<f64>>,
     grid_size: f64,
+    neighborhoods: GrowingNeighborhoods,
     last: ScoredViews,
 }
 
 impl<'a> SearchPlanner<'a> {
     /// A search in this scene.
     pub fn new(scene: &'a Scene, samples: &'a [Point3<f64>], config: SearchConfig) -> Self {
-        Self { scene, samples, config, reference: Vec::new(), grid_size: 0.0, last: ScoredViews::default() }
+        Self {
+            scene,
+            samples,
+            config,
+            reference: Vec::new(),
+            grid_size: 0.0,
+            neighborhoods: GrowingNeighborhoods::default(),
+            last: ScoredViews::default(),
+        }
     }
 
     /// The candidates of the last decision and their scores.
@@ -81,8 +91,8 @@ impl Planner for SearchPlanner<'_> {
         }
         let candidates = &self.config.candidates;
         let grid = NeighborGrid::new(&state.cloud.points, 2.0 * state.grid_size);
-        let neighborhoods = grid.neighborhoods(state.cloud.len(), candidates.boundary.neighbors);
-        let candidates = candidate_views_among(&state.cloud, &neighborhoods, state.working_distance, candidates, rng);
+        let neighborhoods = self.neighborhoods.update(&grid, &state.cloud.points, candidates.boundary.neighbors);
+        let candidates = candidate_views_among(&state.cloud, neighborhoods, state.working_distance, candidates, rng);
         let views: Vec<View> = candidates.iter().map(|c| c.view).collect();
         let (current_coverage, scores) =
             score_views_among(self.scene, &self.reference, state, &grid, &views, &self.config);
@@ -92,6 +102,7 @@ impl Planner for SearchPlanner<'_> {
 
     fn reset(&mut self) {
         self.reference.clear();
+        self.neighborhoods = GrowingNeighborhoods::default();
         self.last = ScoredViews::default();
     }
 }

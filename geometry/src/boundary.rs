@@ -92,11 +92,15 @@ impl AngleCriterion {
                 continue; // straight above or the same spot: no direction
             }
             sectors |= sector(u, v);
-            directions.push([pseudo_angle(u, v), u, v]);
+            if sectors == 0b11_1111 && self.sectors_suffice {
+                return false;
+            }
+            directions.push([0.0, u, v]);
         }
-        if directions.is_empty() || (sectors == 0b11_1111 && self.sectors_suffice) {
+        if directions.is_empty() {
             return false;
         }
+        directions.iter_mut().for_each(|[angle, u, v]| *angle = pseudo_angle(*u, *v));
         directions.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
         let [last_angle, last_u, last_v] = directions[directions.len() - 1];
         let mut previous = [last_angle - 4.0, last_u, last_v];
@@ -126,15 +130,12 @@ fn pseudo_angle(u: f32, v: f32) -> f32 {
 
 /// One bit for the 60-degree sector that holds the direction.
 fn sector(u: f32, v: f32) -> u8 {
+    // Without a branch: directions are as good as random.
     let steep = v.abs() > 1.732_050_8 * u.abs();
-    let third = if steep {
-        1
-    } else if (u > 0.0) == (v > 0.0) {
-        0
-    } else {
-        2
-    };
-    if v > 0.0 || (v == 0.0 && u > 0.0) { 1 << third } else { 8 << third }
+    let apart = (u > 0.0) != (v > 0.0);
+    let third = u8::from(steep) | (u8::from(apart & !steep) << 1);
+    let below = !((v > 0.0) | ((v == 0.0) & (u > 0.0)));
+    1 << (third + 3 * u8::from(below))
 }
 
 fn tangent_frame(normal: &Vector3<f64>) -> Option<([f32; 3], [f32; 3])> {

@@ -78,7 +78,7 @@ impl PointCloud {
                 low.unwrap_or_else(Point3::origin) - Vector3::repeat(0.5 * voxel)
             }
         };
-        let mut index = VoxelIndex::with_capacity(self.len());
+        let mut index = Numbering::with_capacity(self.len());
         let mut counts: Vec<f64> = Vec::new();
         let mut mean = PointCloud::default();
         let with_normals = self.has_normals();
@@ -114,21 +114,22 @@ fn voxel_of(p: &Point3<f64>, corner: &Point3<f64>, voxel: f64) -> [i64; 3] {
     [index(0), index(1), index(2)]
 }
 
-/// Numbers voxels in the order of their first appearance: a table with open addressing, for the published search
-/// averages 300 clouds per object. (The standard map's keyed hash costs three times as much.)
-struct VoxelIndex {
+/// Numbers keys in the order of their first appearance: a table with open addressing. (The standard map's keyed hash
+/// costs three times as much.)
+pub(crate) struct Numbering {
     keys: Vec<[i64; 3]>,
     slots: Vec<u32>,
 }
 
-impl VoxelIndex {
-    fn with_capacity(voxels: usize) -> Self {
-        Self { keys: Vec::new(), slots: vec![u32::MAX; (2 * voxels.max(8)).next_power_of_two()] }
+impl Numbering {
+    pub(crate) fn with_capacity(keys: usize) -> Self {
+        Self { keys: Vec::new(), slots: vec![u32::MAX; (2 * keys.max(8)).next_power_of_two()] }
     }
 
-    /// The number of the voxel; equals the number of voxels before the call if it is new. At most the capacity
-    /// may be inserted.
-    fn insert(&mut self, key: [i64; 3]) -> usize {
+    /// The number of the key; equals the number of keys before the call if it is new. At most the capacity may be
+    /// inserted.
+    #[inline]
+    pub(crate) fn insert(&mut self, key: [i64; 3]) -> usize {
         let mask = self.slots.len() - 1;
         let mixed = key.iter().fold(0u64, |h, &k| (h ^ k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29));
         let mut at = mixed.wrapping_mul(0x9e37_79b9_7f4a_7c15) as usize >> 20 & mask;

@@ -4,11 +4,16 @@
 //! neighbours of every point of a cloud, with the same answers. Coordinates are held in f32 relative to a
 //! nearby origin, in cell order, x fastest, so that a row of cells is one contiguous slice.
 
+mod neighborhoods;
+
+pub use neighborhoods::{GrowingNeighborhoods, Neighborhoods};
+
 use nalgebra::Point3;
-use rayon::prelude::*;
 
 /// The table never has more cells than this; the cell grows instead.
 const MAX_CELLS: f64 = 8e6;
+/// Points are compared in groups of this many, so that the compiler can use vector registers.
+const LANES: usize = 16;
 
 /// A neighbour of a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,72 +33,11 @@ pub struct NeighborGrid {
     inv_cell: f32,
     dims: [usize; 3],
     starts: Vec<u32>,
+    /// In the order of the cells, and [`LANES`] more that are NaN; so too `y` and `z`.
     x: Vec<f32>,
     y: Vec<f32>,
     z: Vec<f32>,
     ids: Vec<u32>,
-}
-
-/// The `k` nearest neighbours of every point of a cloud, the point itself included, nearest first.
-#[derive(Clone, Debug, Default)]
-pub struct Neighborhoods {
-    k: usize,
-    ids: Vec<u32>,
-    distances2: Vec<f32>,
-}
-
-impl Neighborhoods {
-    /// Neighbours per point: the k asked for, or the number of points if that is smaller.
-    pub fn k(&self) -> usize {
-        self.k
-    }
-
-    /// Number of points.
-    pub fn len(&self) -> usize {
-        self.ids.len() / self.k.max(1)
-    }
-
-    /// Whether there is no point.
-    pub fn is_empty(&self) -> bool {
-        self.ids.is_empty()
-    }
-
-    /// Indices of the neighbours of point `i`, sorted by (distance, index). `u32::MAX` fills the row of a
-    /// non-finite point, whose distances are infinite.
-    pub fn ids(&self, i: usize) -> &[u32] {
-        &self.ids[i * self.k..(i + 1) * self.k]
-    }
-
-    /// Squared distances to the neighbours of point `i`, rising.
-    pub fn distances2(&self, i: usize) -> &[f32] {
-        &self.distances2[i * self.k..(i + 1) * self.k]
-    }
-
-    /// Sum of the distances to the neighbours of point `i` (to itself: 0), metres; infinite for a non-finite point.
-    pub fn distance_sum(&self, i: usize) -> f64 {
-        self.distances2(i).iter().map(|&d2| f64::from(d2).sqrt()).sum()
-    }
-
-    /// Mean over all points of the mean distance to the other k - 1 neighbours, metres; 0 under two points.
-    /// With k = 30 this is the radius of the boundary criterion (method, 'Boundary and candidate views', 1).
-    pub fn mean_distance(&self) -> f64 {
-        let (mut sum, mut count) = (0.0, 0usize);
-        for i in 0..self.len() {
-            let distance = self.distance_sum(i);
-            if distance.is_finite() {
-                sum += distance;
-                count += 1;
-            }
-        }
-        if self.k < 2 || count == 0 { 0.0 } else { sum / (count * (self.k - 1)) as f64 }
-    }
-}
-
-/// Scratch of the k-nearest-neighbour queries: found (squared distance, index) keys and the last useful radius.
-#[derive(Default)]
-struct Scratch {
-    keys: Vec<u64>,
-    radius: f32,
 }
 
 impl NeighborGrid {
@@ -101,6 +45,11 @@ impl NeighborGrid {
     /// a cloud of 2.3 mm spacing). The cell grows where the table would be too large; a cell that is not positive
     /// is chosen from the points.
     pub fn new(points: &[Point3<f64>], cell: f64) -> Self {
+        Self::build(points, cell, None)
+    }
+
+    /// With coordinates relative to this origin, so that distances round as in another grid.
+    fn build(points: &[Point3<f64>], cell: f64, origin: Option<[f64; 3]>) -> Self {
         let finite: Vec<u32> =
             (0..points.len() as u32).filter(|&i| points[i as usize].iter().all(|x| x.is_finite())).collect();
         let Some(&first) = finite.first() else {
@@ -110,7 +59,7 @@ impl NeighborGrid {
         for &i in &finite {
             (low, high) = (low.inf(&points[i as usize]), high.sup(&points[i as usize]));
         }
-        let origin = nearby_origin(&low, &high);
+        let origin = origin.unwrap_or_else(|| nearby_origin(&low, &high));
         let relative = |i: u32| -> [f32; 3] {
             let p = &points[i as usize];
             [0, 1, 2].map(|axis| (p[axis] - origin[axis]) as f32)
@@ -130,7 +79,8 @@ impl NeighborGrid {
         }
         let mut next = grid.starts.clone();
         let n = finite.len();
-        (grid.x, grid.y, grid.z, grid.ids) = (vec![0.0; n], vec![0.0; n], vec![0.0; n], vec![0; n]);
+        let axis = vec![f32::NAN; n + LANES];
+        (grid.x, grid.y, grid.z, grid.ids) = (axis.clone(), axis.clone(), axis, vec![0; n]);
         for ((&c, &p), &id) in cells.iter().zip(&coordinates).zip(&finite) {
             let slot = next[c as usize] as usize;
             next[c as usize] += 1;
@@ -151,9 +101,8 @@ impl NeighborGrid {
 
     /// The `k` nearest points of `query`, by rising (distance, index); fewer if there are fewer points.
     pub fn k_nearest(&self, query: &Point3<f64>, k: usize) -> Vec<Neighbor> {
-        let mut scratch = Scratch::default();
         match self.query_point(query) {
-            Some(q) => self.nearest_keys(q, k, &mut scratch).iter().copied().map(neighbor).collect(),
+            Some(q) => self.nearest_keys(q, k, 0.0, &mut Vec::new()).iter().copied().map(neighbor).collect(),
             None => Vec::new(),
         }
     }
@@ -219,13 +168,21 @@ impl NeighborGrid {
         let q = self.relative(query);
         let radius = radius as f32;
         let radius2 = radius * radius;
-        let within = |row: std::ops::Range<usize>| {
-            // A row at a time, without a branch per point, becomes vector instructions.
-            let points = self.x[row.clone()].iter().zip(&self.y[row.clone()]).zip(&self.z[row]);
-            points.fold(false, |any, ((x, y), z)| {
-                let (dx, dy, dz) = (x - q[0], y - q[1], z - q[2]);
+        // Whole groups of points, without a branch per point, become vector instructions. The points after a row are as
+        // welcome as its own.
+        let near = |first: usize| {
+            let [x, y, z] = [&self.x, &self.y, &self.z].map(|axis| &axis[first..first + LANES]);
+            (0..LANES).fold(false, |any, l| {
+                let (dx, dy, dz) = (x[l] - q[0], y[l] - q[1], z[l] - q[2]);
                 any | (dx * dx + dy * dy + dz * dz < radius2)
             })
+        };
+        let within = |row: std::ops::Range<usize>| {
+            let mut first = row.start;
+            while first < row.end && !near(first) {
+                first += LANES;
+            }
+            first < row.end
         };
         // The query's own row answers most queries that find something.
         let margin = margin(q, radius);
@@ -234,6 +191,13 @@ impl NeighborGrid {
         let own = (self.cell_of(q[2], 2) * self.dims[1] + self.cell_of(q[1], 1)) * self.dims[0];
         let own = self.starts[own + columns[0]] as usize..self.starts[own + columns[1] + 1] as usize;
         within(own.clone()) || !self.for_rows(&[columns, axis(1), axis(2)], |row| row == own || !within(row))
+    }
+
+    /// Whether `point`, one of the grid's own, lies strictly closer than `radius` metres: as the grid rounds.
+    pub fn is_within(&self, query: &Point3<f64>, point: &Point3<f64>, radius: f64) -> bool {
+        let ([x, y, z], q, radius) = (self.relative(point), self.relative(query), radius as f32);
+        let (dx, dy, dz) = (x - q[0], y - q[1], z - q[2]);
+        dx * dx + dy * dy + dz * dz < radius * radius
     }
 
     /// Calls `found` with the index of every point strictly closer than `radius` metres, in no particular
@@ -255,65 +219,18 @@ impl NeighborGrid {
         });
     }
 
-    /// The `k` nearest neighbours of every point of the grid, itself included. `num_points` is the length of the
-    /// slice that the grid was built from (rows of left-out points stay empty, see [`Neighborhoods::ids`]).
-    pub fn neighborhoods(&self, num_points: usize, k: usize) -> Neighborhoods {
-        let k = k.min(self.len());
-        let mut all =
-            Neighborhoods { k, ids: vec![u32::MAX; num_points * k], distances2: vec![f32::INFINITY; num_points * k] };
-        let mut scratch = Scratch::default();
-        for slot in 0..self.len() {
-            let q = [self.x[slot], self.y[slot], self.z[slot]];
-            let start = self.ids[slot] as usize * k;
-            let keys = self.nearest_keys(q, k, &mut scratch);
-            for ((id, d2), &key) in all.ids[start..].iter_mut().zip(&mut all.distances2[start..]).zip(keys) {
-                (*id, *d2) = (key as u32, f32::from_bits((key >> 32) as u32));
-            }
-        }
-        all
-    }
-
-    /// [`Self::neighborhoods`] on all cores: the same answers.
-    pub fn neighborhoods_in_parallel(&self, num_points: usize, k: usize) -> Neighborhoods {
-        const SLOTS: usize = 512;
-        let k = k.min(self.len());
-        let keys: Vec<Vec<u64>> = (0..self.len())
-            .into_par_iter()
-            .step_by(SLOTS)
-            .map(|first| {
-                let mut scratch = Scratch::default();
-                let slots = first..(first + SLOTS).min(self.len());
-                let mut keys = Vec::with_capacity(slots.len() * k);
-                for slot in slots {
-                    let q = [self.x[slot], self.y[slot], self.z[slot]];
-                    keys.extend_from_slice(self.nearest_keys(q, k, &mut scratch));
-                }
-                keys
-            })
-            .collect();
-        let mut all =
-            Neighborhoods { k, ids: vec![u32::MAX; num_points * k], distances2: vec![f32::INFINITY; num_points * k] };
-        for (&id, keys) in self.ids.iter().zip(keys.iter().flat_map(|keys| keys.chunks_exact(k.max(1)))) {
-            let start = id as usize * k;
-            for ((id, d2), &key) in all.ids[start..].iter_mut().zip(&mut all.distances2[start..]).zip(keys) {
-                (*id, *d2) = (key as u32, f32::from_bits((key >> 32) as u32));
-            }
-        }
-        all
-    }
-
-    /// Keys of the k nearest points, sorted. `scratch.radius` is only a first guess: the answer is exact.
-    fn nearest_keys<'s>(&self, q: [f32; 3], k: usize, scratch: &'s mut Scratch) -> &'s [u64] {
+    /// Keys of the k nearest points, sorted, in the scratch `keys`. A good `guess` of a radius that holds them saves
+    /// time, a bad one changes nothing else.
+    fn nearest_keys<'s>(&self, q: [f32; 3], k: usize, guess: f32, keys: &'s mut Vec<u64>) -> &'s [u64] {
         let k = k.min(self.len());
         if k == 0 {
             return &[];
         }
-        let mut radius = if scratch.radius > 0.0 { scratch.radius } else { 1.0 / self.inv_cell };
+        let mut radius = if guess > 0.0 { guess } else { 1.0 / self.inv_cell };
         loop {
             let (range, all) = self.cell_range(q, radius);
             let radius2 = if all { f32::INFINITY } else { radius * radius };
             let mut found = 0;
-            let keys = &mut scratch.keys;
             self.for_rows(&range, |row| {
                 if keys.len() < found + row.len() {
                     keys.resize(2 * (found + row.len()), 0);
@@ -327,15 +244,10 @@ impl NeighborGrid {
             });
             if found >= k {
                 if found > k {
-                    scratch.keys[..found].select_nth_unstable(k - 1);
+                    keys[..found].select_nth_unstable(k - 1);
                 }
-                scratch.keys[..k].sort_unstable();
-                let furthest = neighbor(scratch.keys[k - 1]).distance2.sqrt();
-                scratch.radius = 0.9 * scratch.radius + 0.1 * 1.3 * furthest;
-                if scratch.radius < furthest {
-                    scratch.radius = 1.15 * furthest;
-                }
-                return &scratch.keys[..k];
+                keys[..k].sort_unstable();
+                return &keys[..k];
             }
             radius *= 1.5;
         }

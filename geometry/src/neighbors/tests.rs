@@ -95,3 +95,42 @@ fn spacing_of_a_lattice_is_its_pitch() {
         (0..400).map(|i| Point3::new(f64::from(i % 20) * 0.01, f64::from(i / 20) * 0.01, 0.3)).collect();
     assert!((mean_spacing(&points) - 0.01).abs() < 1e-9);
 }
+
+#[test]
+fn kept_neighborhoods_equal_those_found_anew() {
+    let mut rng = stream(7, "growing");
+    let mut points = random_points(400, 4);
+    points.sort_by_key(|p| [p.x, p.y, p.z].map(f64::to_bits));
+    points.dedup();
+    let mut growing = GrowingNeighborhoods::default();
+    for step in 0..60 {
+        match step % 6 {
+            // A small scan in a corner: appended, or in between.
+            0 | 1 => {
+                for p in random_points(20, 100 + step) {
+                    let at = if step % 6 == 0 { points.len() } else { rng.gen_range(0..=points.len()) };
+                    points.insert(at, Point3::from(0.2 * p.coords.add_scalar(0.3)));
+                }
+            }
+            2 => points[..15].iter_mut().for_each(|p| p.x += 1e-3),
+            3 => drop(points.drain(30..33)),
+            4 => points.swap(20, 70),
+            _ => {}
+        }
+        if step == 31 {
+            points[50].y = f64::NAN;
+        }
+        if step == 59 {
+            points.truncate(12);
+        }
+        let k = if step % 24 < 20 { 30 } else { 5 };
+        let grid = NeighborGrid::new(&points, 0.009);
+        let expected = grid.neighborhoods(points.len(), k);
+        let found = growing.update(&grid, &points, k);
+        assert_eq!(found.len(), points.len());
+        for i in 0..points.len() {
+            assert_eq!((found.ids(i), found.distances2(i)), (expected.ids(i), expected.distances2(i)), "step {step}");
+        }
+        assert_eq!(found.mean_distance(), expected.mean_distance());
+    }
+}
