@@ -3,6 +3,7 @@
 use crate::episode::{Accumulate, EpisodeConfig, reference_surface};
 use crate::scene::{RenderConfig, RenderScratch, Scene};
 use geometry::candidates::candidate_views_among;
+use geometry::cloud::Voxels;
 use geometry::coverage::share_within;
 use geometry::neighbors::GrowingNeighborhoods;
 use geometry::{
@@ -163,6 +164,11 @@ fn score_views_among(
     };
     let uncovered_grid = NeighborGrid::new(&uncovered, 2.0 * tolerance);
     let mut newly_covered = vec![usize::MAX; uncovered.len()];
+    let matched = match config.accumulate {
+        Accumulate::Measured => Vec::new(),
+        Accumulate::Matched => matched_indices(reference, &state.cloud.points),
+    };
+    let mut merged = state.cloud.points.clone();
     let mut scratch = RenderScratch::default();
     let mut scan = PointCloud::default();
     let scores = views.iter().enumerate().map(|(i, view)| {
@@ -186,16 +192,35 @@ fn score_views_among(
             }
             Accumulate::Matched if scan.is_empty() => current,
             Accumulate::Matched => {
-                let mut merged = state.cloud.points.clone();
+                merged.truncate(state.cloud.len());
                 merged.extend_from_slice(&scan.points);
-                let merged = PointCloud { points: merged, normals: Vec::new() }
-                    .voxel_downsample(state.grid_size, config.accumulate.voxel_origin());
-                geometry::coverage(&merged.points, reference, tolerance)
+                let voxels = Voxels::new(&merged, state.grid_size, config.accumulate.voxel_origin());
+                let means = voxels.means(merged.iter().map(|p| p.coords));
+                let means: Vec<Point3<f64>> = means.into_iter().map(Point3::from).collect();
+                let grid = NeighborGrid::new(&means, 2.0 * tolerance);
+                // The mean of its own voxel covers nearly every point that is in the cloud.
+                let own_mean = |own: &Option<usize>| means.get(voxels.number[(*own)?] as usize);
+                let covered = reference.iter().zip(&matched).filter(|&(p, own)| {
+                    own_mean(own).is_some_and(|mean| grid.is_within(p, mean, tolerance))
+                        || grid.any_within(p, tolerance)
+                });
+                covered.count() as f64 / total
             }
         };
         score_view(coverage, overlap, current)
     });
     (current, scores.collect())
+}
+
+/// Per reference point its index in a cloud of reference points in the same order.
+fn matched_indices(reference: &[Point3<f64>], cloud: &[Point3<f64>]) -> Vec<Option<usize>> {
+    let mut next = 0;
+    let index = |p: &Point3<f64>| {
+        let found = (cloud.get(next) == Some(p)).then_some(next);
+        next += usize::from(found.is_some());
+        found
+    };
+    reference.iter().map(index).collect()
 }
 
 #[cfg(test)]

@@ -67,39 +67,61 @@ impl PointCloud {
     /// renormalised, as published). In the order in which the voxels first appear; non-finite points are dropped.
     /// A `voxel` that is not positive and finite leaves the cloud as it is.
     pub fn voxel_downsample(&self, voxel: f64, origin: VoxelOrigin) -> PointCloud {
+        let voxels = Voxels::new(&self.points, voxel, origin);
+        let points = voxels.means(self.points.iter().map(|p| p.coords));
+        let normals = if self.has_normals() { voxels.means(self.normals.iter().copied()) } else { Vec::new() };
+        PointCloud { points: points.into_iter().map(Point3::from).collect(), normals }
+    }
+}
+
+/// Points sorted into voxels, which are numbered in the order in which they first appear.
+pub struct Voxels {
+    /// Per point the number of its voxel; `u32::MAX` for a non-finite point.
+    pub number: Vec<u32>,
+    /// How many points each voxel holds.
+    counts: Vec<u32>,
+}
+
+impl Voxels {
+    /// Voxels of this edge in metres; where it is not positive and finite, one for each point.
+    pub fn new(points: &[Point3<f64>], voxel: f64, origin: VoxelOrigin) -> Self {
         if !(voxel > 0.0 && voxel.is_finite()) {
-            return self.clone();
+            return Self { number: (0..points.len() as u32).collect(), counts: vec![1; points.len()] };
         }
         let finite = |p: &Point3<f64>| p.x.is_finite() && p.y.is_finite() && p.z.is_finite();
         let corner = match origin {
             VoxelOrigin::World => Point3::origin(),
             VoxelOrigin::CloudMinimum => {
-                let low = self.points.iter().copied().filter(finite).reduce(|low, p| low.inf(&p));
+                let low = points.iter().copied().filter(finite).reduce(|low, p| low.inf(&p));
                 low.unwrap_or_else(Point3::origin) - Vector3::repeat(0.5 * voxel)
             }
         };
-        let mut index = Numbering::with_capacity(self.len());
-        let mut counts: Vec<f64> = Vec::new();
-        let mut mean = PointCloud::default();
-        let with_normals = self.has_normals();
-        for (i, p) in self.points.iter().enumerate().filter(|(_, p)| finite(p)) {
-            let slot = index.insert(voxel_of(p, &corner, voxel));
-            if slot == counts.len() {
-                counts.push(0.0);
-                mean.points.push(Point3::origin());
-                if with_normals {
-                    mean.normals.push(Vector3::zeros());
-                }
+        let mut numbers = Numbering::with_capacity(points.len());
+        let mut counts = Vec::with_capacity(points.len());
+        let number = |p: &Point3<f64>| {
+            if !finite(p) {
+                return u32::MAX;
             }
-            counts[slot] += 1.0;
-            mean.points[slot] += p.coords;
-            if with_normals {
-                mean.normals[slot] += self.normals[i];
+            let number = numbers.insert(voxel_of(p, &corner, voxel));
+            if number == counts.len() {
+                counts.push(0);
+            }
+            counts[number] += 1;
+            number as u32
+        };
+        Self { number: points.iter().map(number).collect(), counts }
+    }
+
+    /// Mean of the values, one per point, in each voxel.
+    pub fn means(&self, values: impl Iterator<Item = Vector3<f64>>) -> Vec<Vector3<f64>> {
+        let mut means = vec![Vector3::zeros(); self.counts.len()];
+        for (&number, value) in self.number.iter().zip(values) {
+            if let Some(sum) = means.get_mut(number as usize) {
+                *sum += value;
             }
         }
-        mean.points.iter_mut().zip(&counts).for_each(|(p, n)| *p /= *n);
-        mean.normals.iter_mut().zip(&counts).for_each(|(v, n)| *v /= *n);
-        mean
+        means.iter_mut().zip(&self.counts).for_each(|(sum, &count)| *sum /= f64::from(count));
+        means
     }
 }
 
@@ -123,7 +145,7 @@ pub(crate) struct Numbering {
 
 impl Numbering {
     pub(crate) fn with_capacity(keys: usize) -> Self {
-        Self { keys: Vec::new(), slots: vec![u32::MAX; (2 * keys.max(8)).next_power_of_two()] }
+        Self { keys: Vec::with_capacity(keys), slots: vec![u32::MAX; (2 * keys.max(8)).next_power_of_two()] }
     }
 
     /// The number of the key; equals the number of keys before the call if it is new. At most the capacity may be

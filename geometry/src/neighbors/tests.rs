@@ -46,6 +46,9 @@ proptest! {
             let inside: Vec<Neighbor> =
                 expected.iter().copied().filter(|n| n.distance2 < (radius * radius) as f32).collect();
             prop_assert_eq!(grid.any_within(&query, radius), !inside.is_empty());
+            for n in &expected {
+                prop_assert_eq!(grid.is_within(&query, &points[n.index], radius), inside.contains(n));
+            }
             prop_assert_eq!(grid.within(&query, radius), inside);
         }
         let all = grid.neighborhoods(n, k);
