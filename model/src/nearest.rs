@@ -25,26 +25,32 @@ pub(crate) fn nearest_in_feature_space(features: &Tensor<2>, b: usize, n: usize,
 
 fn nearest_in_cloud(values: &[f32], c: usize, k: usize, offset: usize) -> Vec<i32> {
     let points: Vec<&[f32]> = values.chunks_exact(c).collect();
+    // Channel by channel, so that the distances of a point to all others are sums of whole rows.
+    let channels: Vec<Vec<f32>> = (0..c).map(|i| points.iter().map(|p| p[i]).collect()).collect();
+    let squares = |a: &[f32], out: &mut [f32]| {
+        out.fill(0.0);
+        for (&x, channel) in a.iter().zip(&channels) {
+            out.iter_mut().zip(channel).for_each(|(sum, y)| *sum += (x - y) * (x - y));
+        }
+    };
     let mut seen = HashSet::new();
     let repeated: Vec<bool> =
         points.iter().map(|p| !seen.insert(p.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>())).collect();
-    let square = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
-    let away = if repeated.contains(&true) {
-        points.iter().flat_map(|a| points.iter().map(|b| square(a, b))).fold(0.0, f32::max)
-    } else {
-        0.0
-    };
+    let mut distances = vec![0.0f32; points.len()];
+    let mut away = 0.0f32;
+    if repeated.contains(&true) {
+        for a in &points {
+            squares(a, &mut distances);
+            away = distances.iter().copied().fold(away, f32::max);
+        }
+    }
     let mut out = Vec::with_capacity(points.len() * k);
     let mut order: Vec<(f32, i32)> = Vec::with_capacity(points.len());
     for a in &points {
+        squares(a, &mut distances);
+        let pushed = distances.iter().zip(&repeated).map(|(d, repeated)| d + if *repeated { away } else { 0.0 });
         order.clear();
-        order.extend(
-            points
-                .iter()
-                .zip(&repeated)
-                .zip(0..)
-                .map(|((b, repeated), j)| (square(a, b) + if *repeated { away } else { 0.0 }, j)),
-        );
+        order.extend(pushed.zip(0..));
         let by_distance = |x: &(f32, i32), y: &(f32, i32)| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1));
         order.select_nth_unstable_by(k, by_distance);
         order[..=k].sort_unstable_by(by_distance);

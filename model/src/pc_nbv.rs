@@ -276,8 +276,8 @@ impl QueryAttention {
         let query = self.query.forward(rows.clone()).reshape([b, n, c / 4]);
         let key = self.key.forward(rows.clone()).reshape([b, n, c / 4]);
         let value = self.value.forward(rows).reshape([b, n, c]);
-        let attention = softmax(query.matmul(key.swap_dims(1, 2)), 1); // [B, N query, N key]
-        let out = attention.swap_dims(1, 2).matmul(value); // [B, N, 561]
+        let attention = softmax(key.matmul(query.swap_dims(1, 2)), 2); // [B, N key, N query]
+        let out = attention.matmul(value); // [B, N, 561]
         z + out * self.scale.val().reshape([1, 1, 1])
     }
 }
