@@ -98,6 +98,46 @@ pub fn efficiency_ratio(
     })
 }
 
+/// Interval of the efficiency minus the baseline's, over episodes, paired by object and episode.
+pub fn efficiency_lead(runs: &Runs, baseline: &Runs, never: usize, resamples: usize, seed: u64) -> Option<Interval> {
+    let (a, b) = runs.paired(baseline);
+    efficiencies(&[a, b], never, resamples, seed, |e| e[0] - e[1])
+}
+
+/// Interval of how much of the lead of `leader` over `best` a policy closes, over episodes: 0 where it is level with
+/// `best`, 1 where it is level with `leader`. All three paired by object and episode.
+pub fn gap_closure(
+    runs: &Runs,
+    best: &Runs,
+    leader: &Runs,
+    never: usize,
+    resamples: usize,
+    seed: u64,
+) -> Option<Interval> {
+    let (a, b) = runs.paired(best);
+    let (a, c) = a.paired(leader);
+    let b = b.paired(&c).0;
+    efficiencies(&[a, b, c], never, resamples, seed, |e| (e[0] - e[1]) / (e[2] - e[1]))
+}
+
+/// Interval of a statistic of the efficiencies of runs over the same episodes.
+fn efficiencies(
+    runs: &[Runs],
+    never: usize,
+    resamples: usize,
+    seed: u64,
+    statistic: impl Fn(&[f64]) -> f64,
+) -> Option<Interval> {
+    let columns: Vec<[Column; 2]> =
+        runs.iter().map(|r| [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| r.column(f, never))).collect();
+    let draws = draws(&columns.first()?[0].sizes(), Over::Episodes, resamples, seed);
+    let all: Option<Vec<f64>> = columns.iter().map(|[c, v]| efficiency(c.mean(), v.mean())).collect();
+    interval(Some(statistic(&all?)), &draws, |d| {
+        let drawn: Option<Vec<f64>> = columns.iter().map(|[c, v]| efficiency(c.mean_of(d), v.mean_of(d))).collect();
+        drawn.map(|e| statistic(&e))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,6 +172,25 @@ mod tests {
         let (p, q) = (Runs::of(&list, "p"), Runs::of(&list, "q"));
         let d = difference(&q, &p, Figure::FinalCoverage, 17, Over::Episodes, 500, 0).unwrap();
         assert!((d.low - 0.5).abs() < 1e-9 && (d.high - 0.5).abs() < 1e-9, "{d:?}");
+    }
+
+    #[test]
+    fn a_closure_is_the_share_of_the_gap() {
+        let policy = |name: &str, views: usize| -> Vec<_> {
+            let mut coverages = vec![0.5; views];
+            coverages.extend(vec![0.9; 8 - views]);
+            (0..6).map(|e| record("a", name, e, &coverages, &[])).collect()
+        };
+        let list = [policy("best", 6), policy("leader", 3), policy("level", 4)].concat();
+        let runs = |name| Runs::of(&list, name);
+        let [best, leader, level] = [runs("best"), runs("leader"), runs("level")];
+        let mean = |r: &Runs, figure| r.column(figure, 17).mean();
+        let e = |r: &Runs| efficiency(mean(r, Figure::FinalCoverage), mean(r, Figure::ViewsTo(90))).unwrap();
+        let found = gap_closure(&level, &best, &leader, 17, 100, 0).unwrap();
+        let expected = (e(&level) - e(&best)) / (e(&leader) - e(&best));
+        assert!((0.1..0.9).contains(&expected) && (found.value - expected).abs() < 1e-12, "{found:?}, {expected}");
+        let lead = efficiency_lead(&leader, &best, 17, 100, 0).unwrap();
+        assert!((lead.value - (e(&leader) - e(&best))).abs() < 1e-12 && lead.low > 0.0, "{lead:?}");
     }
 
     #[test]

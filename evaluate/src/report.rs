@@ -1,5 +1,6 @@
 //! What a run leaves behind: rows per view as CSV and JSON lines, tables as Markdown, everything as one HTML page.
 
+pub mod closure;
 pub mod compare;
 pub mod paper;
 pub mod plots;

@@ -6,7 +6,7 @@
 mod common;
 
 use burn::module::Module;
-use burn::optim::{AdamWConfig, GradientsParams, Optimizer};
+use burn::optim::{AdamWConfig, GradientsParams};
 use burn::tensor::{Device, Tensor};
 use model::encode::{EncodeConfig, Encoded, to_input};
 use model::{BenbvNet, BenbvNetConfig, checkpoint, device, position_weighted_loss};
@@ -68,4 +68,31 @@ fn forward_and_a_training_step_agree_with_the_cpu() {
     assert!((a.1 - b.1).abs() < 1e-4, "loss {} on the CPU, {} on the GPU", a.1, b.1);
     assert!((a.2 - b.2).abs() < 5e-3, "loss after a step {} on the CPU, {} on the GPU", a.2, b.2);
     assert!(a.2 < a.1, "the step must lower the loss");
+}
+
+#[test]
+fn bundled_weights_answer_alike() {
+    let gpu = match device::open("wgpu") {
+        Ok(device) => device,
+        Err(error) => {
+            println!("skipped: {error}");
+            return;
+        }
+    };
+    let directory = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/benbv-net");
+    let mut rng = geometry::rng::stream(13, "gpu/bundled");
+    let batch: Vec<_> = (0..4).map(|_| sample(256, 20, &mut rng)).collect();
+    let scores = |device: &Device| {
+        let (net, _) = checkpoint::load::<BenbvNet>(&directory, device).expect("bundled weights");
+        let input = to_input(&batch, 20, device).expect("a valid batch");
+        net.forward(input).into_data().convert::<f32>().try_to_vec::<f32>().expect("f32")
+    };
+    let (a, b) = (scores(&Device::flex()), scores(&gpu));
+    let worst = a.iter().zip(&b).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+    println!("bundled weights {worst:e}");
+    assert!(worst < 1e-5, "{worst:e}");
+    let first = |row: &[f32]| (0..row.len()).max_by(|&i, &j| row[i].total_cmp(&row[j]));
+    for (a, b) in a.chunks(20).zip(b.chunks(20)) {
+        assert_eq!(first(a), first(b), "{a:?} {b:?}");
+    }
 }

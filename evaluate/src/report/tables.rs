@@ -11,6 +11,7 @@ use datagen::End;
 pub fn results(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<Table> {
     let mut list = vec![overall(contents, config, policies)];
     list.extend(against_baseline(contents, config, policies));
+    list.extend(super::closure::gap_closures(contents, config, policies));
     if config.episode.render.pixel_shift {
         list.push(super::paper::beside_the_paper(contents, config, policies));
         list.push(super::paper::beside_the_published_code(contents, config, policies));

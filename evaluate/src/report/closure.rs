@@ -1,0 +1,43 @@
+//! How much of what the search leads the simple rules by a policy closes.
+
+use super::table::{Table, number};
+use crate::bootstrap::{efficiency_lead, gap_closure};
+use crate::config::EvaluateConfig;
+use crate::journal::Contents;
+use crate::metrics::{Figure, Runs, efficiency};
+
+/// The rules without a model that a planner must beat, at the working distance (planner notes, section 0).
+const SIMPLE: [&str; 4] = ["random-boundary", "random-u-sphere", "see", "farthest"];
+/// Standard errors that the search must lead by for its lead to be a measure.
+const CLEAR: f64 = 3.0;
+
+/// Gap closure (E - E_best) / (E_baseline - E_best), E the efficiency and E_best that of the best simple rule at hand.
+/// Absent where there is none, or where the baseline's lead is not clear.
+pub fn gap_closures(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Option<Table> {
+    let (never, n, seed) = (config.never, config.resamples, config.seed);
+    let runs = |policy: &str| Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
+    let baseline = runs(&config.baseline);
+    let simple = SIMPLE.iter().filter(|p| policies.iter().any(|q| q == *p));
+    let mean = |r: &Runs, figure| r.column(figure, never).mean();
+    let value = |r: &Runs| efficiency(mean(r, Figure::FinalCoverage), mean(r, Figure::ViewsTo(90)));
+    let (name, best, _) =
+        simple.filter_map(|p| Some((*p, runs(p), value(&runs(p))?))).max_by(|a, b| a.2.total_cmp(&b.2))?;
+    let lead = efficiency_lead(&baseline, &best, never, n, seed)?;
+    // A 95 % interval is 3.92 standard errors wide.
+    if lead.value <= CLEAR * (lead.high - lead.low) / 3.92 {
+        return None;
+    }
+    let title = format!("Gap closure from {name}");
+    let note = format!(
+        "(E - E_best) / (E_{0} - E_best), E the efficiency, E_best that of {name}, the best simple rule of this run; {0} \
+         leads it by {1:.2} [{2:.2}, {3:.2}]. Intervals over episodes.",
+        config.baseline, lead.value, lead.low, lead.high
+    );
+    let mut table = Table::new(&title, &note, &["policy", "closure", "95 % episodes"]);
+    for policy in policies.iter().filter(|p| **p != config.baseline && *p != name) {
+        let closure = gap_closure(&runs(policy), &best, &baseline, never, n, seed);
+        let range = closure.map_or_else(|| "-".to_owned(), |i| format!("[{:.2}, {:.2}]", i.low, i.high));
+        table.rows.push(vec![policy.clone(), number(closure.map(|i| i.value), 2), range]);
+    }
+    Some(table)
+}
