@@ -84,7 +84,7 @@ impl Forecast {
 }
 
 /// True overlap over what the voxels promise: they reach past the edge of the surface.
-const TRUST: f64 = 0.9;
+const TRUST: f64 = 0.83;
 
 /// Rays of a view at most, as long as each tile has one: an object of 0.2 m at 1.2 m takes some 4,000.
 const MAX_RAYS: u32 = 16_000;

@@ -91,8 +91,8 @@ fn a_view_from_the_same_place_overlaps_wholly() {
     let marcher = Marcher::new(&grid, true);
     let same = marcher.forecast(&state.camera, &from_z(1.2), 2);
     let behind = marcher.forecast(&state.camera, &from_z(-1.2), 2);
-    // The expectation is cautious by a tenth.
-    assert!(same.overlap().unwrap() > 0.83, "{same:?}");
+    // The expectation is cautious by a sixth.
+    assert!(same.overlap().unwrap() > 0.77, "{same:?}");
     assert!(behind.overlap().unwrap() < 0.2 && behind.expected > 500.0, "{behind:?}");
 }
 
