@@ -126,11 +126,19 @@ impl VolumetricPlanner {
     }
 
     /// `novelty` is that of [`novelty`]; the other values are in points of the cloud.
-    fn score(&self, forecast: &Forecast, novelty: f64, covered: f64, total: f64, carves: bool) -> (f64, Option<f64>) {
+    fn score(
+        &self,
+        forecast: &Forecast,
+        trust: f64,
+        novelty: f64,
+        covered: f64,
+        total: f64,
+        carves: bool,
+    ) -> (f64, Option<f64>) {
         // Hidden pixels bound the gain from above; they mean nothing where misses do not carve.
         let new = if carves { (forecast.hidden + forecast.expected) / 2.0 } else { forecast.expected };
         let gain = new / total;
-        let overlap = forecast.overlap();
+        let overlap = forecast.overlap(trust);
         if self.config.gain_only {
             return (gain, overlap);
         }
@@ -168,12 +176,13 @@ impl Planner for VolumetricPlanner {
         let covered = cloud.len() as f64 / total;
         self.coverage = covered;
         let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
+        let trust = predict::trust(grid.voxel, state.tolerance);
         let marcher = Marcher::new(&grid, carves);
         let stride = self.config.stride_px.max(1);
         let rank = |c: &CandidateView| {
             let forecast = marcher.forecast(&state.camera, &c.view, stride);
             let novelty = novelty(&c.view, &state.scans);
-            let (score, overlap) = self.score(&forecast, novelty, covered, total, carves);
+            let (score, overlap) = self.score(&forecast, trust, novelty, covered, total, carves);
             // No view can add more than what is missing.
             let gain = (forecast.expected / total).min(1.0 - covered);
             RankedView { view: c.view, score, gain: Some(gain), overlap }

@@ -76,15 +76,17 @@ pub(super) struct Forecast {
 }
 
 impl Forecast {
-    /// Expected overlap; `None` where nothing is expected to be seen.
-    pub(super) fn overlap(&self) -> Option<f64> {
+    /// Expected overlap; `None` where nothing is expected to be seen. `trust` is that of the voxels.
+    pub(super) fn overlap(&self, trust: f64) -> Option<f64> {
         let seen = self.known + self.known_behind + self.expected;
-        (seen > 0.0).then(|| (TRUST * self.covered / seen).min(1.0))
+        (seen > 0.0).then(|| (trust * self.covered / seen).min(1.0))
     }
 }
 
-/// True overlap over what the voxels promise: they reach past the edge of the surface.
-const TRUST: f64 = 0.83;
+/// True overlap over what the voxels promise: they reach past the edge of the surface, by as much as they are large.
+pub(super) fn trust(voxel: f64, tolerance: f64) -> f64 {
+    1.0 - 0.17 * (0.5 * voxel / tolerance).min(1.0).powi(2)
+}
 
 /// Rays of a view at most, as long as each tile has one: an object of 0.2 m at 1.2 m takes some 4,000.
 const MAX_RAYS: u32 = 16_000;
