@@ -9,7 +9,9 @@ mod tiles;
 
 use crate::candidates::candidate_views_among;
 use crate::coverage::overlap_response;
-use crate::{Angles, CandidateConfig, CandidateView, Misses, PastScan, Planner, RankedView, ScanState, Seen, View};
+use crate::{
+    Angles, CandidateConfig, CandidateView, Misses, PastScan, PinholeCamera, Planner, RankedView, ScanState, Seen, View,
+};
 use grid::VoxelGrid;
 use march::Marcher;
 use nalgebra::{Point3, Vector3};
@@ -42,12 +44,10 @@ pub struct VolumetricConfig {
     pub novelty: f64,
     /// Views with a smaller expected overlap come after all others (0: none).
     pub min_overlap: f64,
-    /// Largest voxel edge in pixels at the working distance (1.7), or in spacings of the cloud where that is coarser.
-    /// Voxels of more than twice the tolerance shrink towards one pixel (4 mm at 1.2 m, 4.3 mm at 2.0 m): the expected
-    /// surface gets lost in coarser ones. They grow where memory would not do.
+    /// Voxels are twice the tolerance wide, at least a pixel at the working distance, or a spacing of the cloud where that
+    /// is coarser, and at most this many of those (3.5). They grow where memory would not do. About one ray goes through
+    /// each.
     pub voxel_px: f64,
-    /// Every so many pixels and rows a ray is followed (2).
-    pub stride_px: u32,
     /// The workspace; absent: around the cloud, again whenever that outgrows it.
     pub workspace: Option<Workspace>,
 }
@@ -60,8 +60,7 @@ impl Default for VolumetricConfig {
             weight_center: 0.8,
             novelty: 0.08,
             min_overlap: 0.0,
-            voxel_px: 1.7,
-            stride_px: 2,
+            voxel_px: 3.5,
             workspace: None,
         }
     }
@@ -103,7 +102,7 @@ impl VolumetricPlanner {
             Workspace { center_m: (middle + mean * (0.2 * diagonal)).into(), half_m: 0.75 * diagonal }
         });
         let pixel = state.camera.pixel_size(state.working_distance).max(state.grid_size);
-        let voxel = (self.config.voxel_px * pixel).min(pixel.max(2.0 * state.tolerance)).max(f64::MIN_POSITIVE);
+        let voxel = (2.0 * state.tolerance).max(pixel).min(self.config.voxel_px * pixel).max(f64::MIN_POSITIVE);
         VoxelGrid::new(&Point3::from(workspace.center_m), workspace.half_m.max(voxel), voxel)
     }
 
@@ -148,6 +147,11 @@ impl VolumetricPlanner {
     }
 }
 
+/// Pixels between rays that meet surface at this distance about a voxel apart.
+fn ray_stride(camera: &PinholeCamera, distance: f64, voxel: f64) -> u32 {
+    (voxel / camera.pixel_size(distance)).round().clamp(1.0, 64.0) as u32
+}
+
 /// Angle at the target between a view and the nearest past camera, in half turns.
 fn novelty(view: &View, scans: &[PastScan]) -> f64 {
     let direction = |eye: Point3<f64>| (eye - view.target).try_normalize(0.0).unwrap_or_default();
@@ -178,7 +182,7 @@ impl Planner for VolumetricPlanner {
         let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
         let trust = predict::trust(grid.voxel, state.tolerance);
         let marcher = Marcher::new(&grid, carves);
-        let stride = self.config.stride_px.max(1);
+        let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
         let rank = |c: &CandidateView| {
             let forecast = marcher.forecast(&state.camera, &c.view, stride);
             let novelty = novelty(&c.view, &state.scans);

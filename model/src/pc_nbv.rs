@@ -46,11 +46,14 @@ pub fn view_directions() -> [Vector3<f64>; VIEWS] {
 pub struct PcNbvNetConfig {
     /// Points of a training sample (512 published).
     pub points: usize,
+    /// Share of the surface that one unit of the last layer's output stands for (1 published). Gains are a few percent: a
+    /// unit of that size lets a short training spend its steps on their order rather than on shrinking the output.
+    pub gain_unit: f64,
 }
 
 impl Default for PcNbvNetConfig {
     fn default() -> Self {
-        Self { points: 512 }
+        Self { points: 512, gain_unit: 1.0 }
     }
 }
 
@@ -81,6 +84,7 @@ impl PcNbvNetConfig {
             encoder: (linear_bn(UNIT, 1024), linear_bn(1024, 1024)),
             head: (linear_bn(1024, 1024), linear_bn(1024, 512), linear_bn(512, 256)),
             output: linear(256, VIEWS),
+            gain_unit: self.gain_unit,
         }
     }
 }
@@ -95,6 +99,7 @@ pub struct PcNbvNet {
     encoder: (LinearBn, LinearBn),
     head: (LinearBn, LinearBn, LinearBn),
     output: Linear,
+    gain_unit: f64,
 }
 
 impl PcNbvNet {
@@ -117,7 +122,7 @@ impl PcNbvNet {
         let z = z.reshape([b, n, code]).max_dim(1).reshape([b, code]); // [B, 1024]
         let z = blocks::linear_bn_relu(&self.head.0, z);
         let z = blocks::linear_bn_relu(&self.head.1, z);
-        self.output.forward(blocks::linear_bn_relu(&self.head.2, z)) // [B, 33]
+        self.output.forward(blocks::linear_bn_relu(&self.head.2, z)) * self.gain_unit // [B, 33]
     }
 }
 
@@ -128,6 +133,9 @@ impl Network for PcNbvNet {
     fn create(config: &PcNbvNetConfig, device: &Device) -> Result<Self, String> {
         if config.points < MIN_POINTS {
             return Err(format!("points = {}: expected at least {MIN_POINTS}", config.points));
+        }
+        if !(config.gain_unit > 0.0 && config.gain_unit.is_finite()) {
+            return Err(format!("gain_unit = {}: expected a positive number", config.gain_unit));
         }
         Ok(config.init(device))
     }

@@ -93,6 +93,8 @@ pub enum NetworkKind {
 pub struct PcNbvConfig {
     /// Points per cloud.
     pub points: usize,
+    /// Share of the surface that one unit of the network's output stands for.
+    pub gain_unit: f64,
     /// Procedural objects to train on.
     pub objects: usize,
     /// Further ones for validation.
@@ -113,6 +115,7 @@ impl Default for PcNbvConfig {
     fn default() -> Self {
         PcNbvConfig {
             points: 512,
+            gain_unit: 1.0,
             objects: 400,
             validation_objects: 50,
             starts: 3,

@@ -140,7 +140,7 @@ impl Task for PcNbvTask<'_> {
     type Batch = Batch;
 
     fn network(&self) -> PcNbvNetConfig {
-        PcNbvNetConfig { points: self.config.pc_nbv.points }
+        PcNbvNetConfig { points: self.config.pc_nbv.points, gain_unit: self.config.pc_nbv.gain_unit }
     }
 
     fn encode(&self) -> EncodeConfig {

@@ -9,9 +9,6 @@ use nalgebra::{Point3, Vector3};
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-/// Points that the network sees, unless driven as published.
-const POINTS: usize = 1024;
-
 /// PC-NBV as a policy.
 pub struct PcNbvPlanner {
     name: String,
@@ -33,14 +30,16 @@ impl PcNbvPlanner {
         Self { name, network, radius, published, directions: pc_nbv_33(), state: [0.0; VIEWS], marked: 0 }
     }
 
+    /// As many points as the network was trained on, unless driven as published.
     fn input(&self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
         let points = &state.cloud.points;
+        let wanted = self.network.checkpoint().network.points;
         match points.len() {
-            n if self.published || n == POINTS => points.clone(),
-            n if n > POINTS => points.choose_multiple(rng, POINTS).copied().collect(),
+            n if self.published || n == wanted => points.clone(),
+            n if n > wanted => points.choose_multiple(rng, wanted).copied().collect(),
             0 => Vec::new(),
             // Fewer are repeated at random.
-            n => (0..POINTS).filter_map(|i| if i < n { points.get(i) } else { points.choose(rng) }).copied().collect(),
+            n => (0..wanted).filter_map(|i| if i < n { points.get(i) } else { points.choose(rng) }).copied().collect(),
         }
     }
 }

@@ -1,7 +1,7 @@
 use super::predict::bounded_stride;
 use super::tiles::{TILE, Tiles};
 use super::*;
-use crate::{DepthImage, NeighborGrid, PastScan, PinholeCamera, PointCloud, View, rng};
+use crate::{DepthImage, NeighborGrid, PastScan, PointCloud, View, rng};
 
 /// A ball of 8 cm seen from +z, by its analytic depth image.
 fn ball(misses: Misses) -> ScanState {
@@ -60,28 +60,73 @@ fn prepared(state: &ScanState) -> VoxelGrid {
     grid
 }
 
+#[test]
+fn voxels_are_as_wide_as_what_a_point_covers_and_rays_as_far_apart() {
+    let mut state = ball(Misses::Free);
+    state.grid_size = 0.0;
+    let pixel = |distance: f64| PinholeCamera::default().pixel_size(distance);
+    let mut expect = |distance: f64, tolerance: f64, voxel: f64, stride: u32| {
+        (state.working_distance, state.tolerance) = (distance, tolerance);
+        let grid = VolumetricPlanner::default().new_grid(&state);
+        assert!((grid.voxel - voxel).abs() < 1e-12, "{} instead of {voxel} at {distance} m", grid.voxel);
+        assert_eq!(ray_stride(&state.camera, distance, grid.voxel), stride, "at {distance} m");
+    };
+    expect(0.6, 0.002, 0.004, 3);
+    expect(1.2, 0.002, 0.004, 2);
+    expect(2.0, 0.002, 0.004, 1);
+    expect(3.0, 0.002, pixel(3.0), 1);
+    expect(1.2, 0.02, 3.5 * pixel(1.2), 4);
+}
+
 fn from_z(z: f64) -> View {
     View { target: Point3::origin(), position: Point3::new(0.0, 0.0, z) }
 }
 
-#[test]
-fn the_covered_share_of_a_sparse_plane_is_that_of_its_discs() {
-    // A square lattice at 2.1 times the tolerance: discs that do not touch cover pi / 2.1^2 of the plane.
+/// The grid of a cloud in the plane z = 0, and how far its covered shares are from the true ones on the mean.
+fn error_of_covered(points: Vec<Point3<f64>>) -> f64 {
     let mut state = ball(Misses::Unknown);
-    let (tolerance, pitch) = (state.tolerance, 2.1 * state.tolerance);
-    state.cloud.points =
-        (0..900).map(|i| Point3::new(pitch * f64::from(i % 30 - 15), pitch * f64::from(i / 30 - 15), 0.0)).collect();
-    state.cloud.normals = vec![Vector3::z(); 900];
-    state.grid_size = pitch;
+    let tolerance = state.tolerance;
+    state.cloud.normals = vec![Vector3::z(); points.len()];
+    state.cloud.points = points;
     state.scans[0].seen = Seen::Points(state.cloud.points.clone());
     let grid = prepared(&state);
-    let inner = |s: &&grid::SurfaceVoxel| {
-        grid.coordinates(s.index).iter().take(2).all(|&c| c.abs_diff(grid.side / 2) < grid.side / 8)
+    let within = NeighborGrid::new(&state.cloud.points, tolerance);
+    let zero = grid.local(&Point3::origin());
+    let mut errors = Vec::new();
+    for s in &grid.surface {
+        // The true share, by 256 places of the voxel.
+        let low = Vector3::from(grid.coordinates(s.index).map(|c| c as f64)) - Vector3::from(zero).cast();
+        let low = low * grid.voxel;
+        let place = |k: usize| (k as f64 + 0.5) / 16.0 * grid.voxel;
+        let places = (0..256).map(|k| Point3::new(low.x + place(k % 16), low.y + place(k / 16), 0.0));
+        let covered = places.filter(|p| within.any_within(p, tolerance)).count() as f64 / 256.0;
+        if low.x.abs().max(low.y.abs()) < 0.04 {
+            errors.push(f64::from(s.covered) - covered);
+        }
+    }
+    assert!(errors.len() > 200, "{}", errors.len());
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+#[test]
+fn the_covered_share_of_a_sparse_plane_is_that_of_its_discs() {
+    let lattice = |pitch: f64, from: i32, to: i32| {
+        (from..to)
+            .flat_map(move |x| (-30..30).map(move |y| Point3::new(pitch * f64::from(x), pitch * f64::from(y), 0.0)))
     };
-    let shares: Vec<f64> = grid.surface.iter().filter(inner).map(|s| f64::from(s.covered)).collect();
-    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-    let exact = std::f64::consts::PI * (tolerance / pitch).powi(2);
-    assert!(shares.len() > 100 && (mean - exact).abs() < 0.05, "{mean} of {} voxels, expected {exact}", shares.len());
+    let error = error_of_covered(lattice(0.0042, -30, 30).collect());
+    assert!(error.abs() < 0.05, "discs that do not touch: {error}");
+    // Stripes of many points between stripes of few: the many must not speak for the few.
+    let mut rng = rng::stream(8, "stripes");
+    let mut striped = Vec::new();
+    for _ in 0..20_000 {
+        let [x, y] = [(); 2].map(|()| rand::Rng::gen_range(&mut rng, -0.06..0.06));
+        if (x / 0.002_f64).rem_euclid(5.0) < 1.0 || rand::Rng::gen_bool(&mut rng, 0.05) {
+            striped.push(Point3::new(x, y, 0.0));
+        }
+    }
+    let error = error_of_covered(striped);
+    assert!(error.abs() < 0.05, "stripes: {error}");
 }
 
 #[test]
