@@ -3,7 +3,7 @@
 use crate::policies::see::SeeConfig;
 use datagen::EpisodeConfig;
 use datagen::dataset::{DatasetConfig, DatasetName};
-use geometry::CandidateConfig;
+use geometry::{CandidateConfig, VolumetricConfig};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -43,6 +43,8 @@ pub struct WeightsConfig {
     pub benbv_net: PathBuf,
     /// For `pc-nbv`.
     pub pc_nbv: PathBuf,
+    /// The JSON file for `volumetric:learned`; none comes with the source.
+    pub forecasts: PathBuf,
 }
 
 /// All settings.
@@ -75,6 +77,8 @@ pub struct EvaluateConfig {
     pub episode: EpisodeConfig,
     /// Candidate views of the policies that use BENBV's.
     pub candidates: CandidateConfig,
+    /// Settings of `volumetric`.
+    pub volumetric: VolumetricConfig,
     /// Parameters of `see`.
     pub see: SeeConfig,
     /// The object on a table; absent: it floats.
@@ -99,6 +103,7 @@ impl Default for EvaluateConfig {
             resamples: 2000,
             episode: EpisodeConfig::default(),
             candidates: CandidateConfig::default(),
+            volumetric: VolumetricConfig::default(),
             see: SeeConfig::default(),
             table: None,
             weights: WeightsConfig::default(),

@@ -4,6 +4,7 @@ pub mod benchmark;
 pub mod bootstrap;
 pub mod config;
 pub mod journal;
+pub mod learned;
 pub mod metrics;
 #[cfg(feature = "networks")]
 pub mod networks;

@@ -36,4 +36,4 @@ pub use normals::{estimate_normals, normals_of, orient_normals_along, orient_nor
 pub use orientation::{orient_normals_among, orient_normals_consistent};
 pub use planner::{CandidateView, Misses, Observation, PastScan, Planner, RankedView, ScanState, Seen};
 pub use view::View;
-pub use volumetric::{VolumetricConfig, VolumetricPlanner, Workspace};
+pub use volumetric::{Forecasts, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace};

@@ -15,7 +15,6 @@ use crate::{
 use grid::VoxelGrid;
 use march::Marcher;
 use nalgebra::{Point3, Vector3};
-use predict::Forecast;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -64,6 +63,34 @@ impl Default for VolumetricConfig {
             workspace: None,
         }
     }
+}
+
+/// What the planner expects of a view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewForecast {
+    /// The view.
+    pub view: View,
+    /// New surface, as a share of the expected whole.
+    pub gain: f64,
+    /// Overlap of its scan with the cloud; `None` where nothing is expected to be seen.
+    pub overlap: Option<f64>,
+    /// Angle at the target between the view and the nearest past camera, in half turns.
+    pub novelty: f64,
+    /// Pixels by what they show, as shares of the expected whole: those that enter unknown space before they meet
+    /// surface, those of them that meet the membrane, those that meet surface from its front, the same behind unknown
+    /// space, and the covered share of both.
+    pub pixels: [f64; 5],
+    /// Reported gain: the expected surface, at most what is missing.
+    bounded: f64,
+}
+
+/// What it expects of all candidates.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Forecasts {
+    /// The candidates, in their order.
+    pub views: Vec<ViewForecast>,
+    /// Share of the whole surface that is measured.
+    pub covered: f64,
 }
 
 /// The policy `volumetric`. It needs past scans with camera poses, and has no view to offer where there is none.
@@ -124,26 +151,63 @@ impl VolumetricPlanner {
         grid
     }
 
-    /// `novelty` is that of [`novelty`]; the other values are in points of the cloud.
-    fn score(
-        &self,
-        forecast: &Forecast,
-        trust: f64,
-        novelty: f64,
-        covered: f64,
-        total: f64,
-        carves: bool,
-    ) -> (f64, Option<f64>) {
-        // Hidden pixels bound the gain from above; they mean nothing where misses do not carve.
-        let new = if carves { (forecast.hidden + forecast.expected) / 2.0 } else { forecast.expected };
-        let gain = new / total;
-        let overlap = forecast.overlap(trust);
-        if self.config.gain_only {
-            return (gain, overlap);
+    /// What the candidates of this state promise; without views where nothing can be said.
+    pub fn forecast(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Forecasts {
+        let cloud = &state.cloud;
+        if state.scans.is_empty() || cloud.is_empty() || !cloud.has_normals() {
+            return Forecasts::default();
         }
+        let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
+        let candidates = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
+        let mut grid = self.carved_grid(state);
+        grid.set_cloud(cloud);
+        grid.estimate_covered(cloud, &near, state.tolerance);
+        let per_voxel = (grid.voxel / state.grid_size.max(f64::MIN_POSITIVE)).powi(2);
+        let total = cloud.len() as f64 + 0.8 * grid.relax() as f64 * per_voxel;
+        let covered = cloud.len() as f64 / total;
+        self.coverage = covered;
+        let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
+        let trust = predict::trust(grid.voxel, state.tolerance);
+        let marcher = Marcher::new(&grid, carves);
+        let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
+        let look = |c: &CandidateView| {
+            let seen = marcher.forecast(&state.camera, &c.view, stride);
+            // Hidden pixels bound the gain from above; they mean nothing where misses do not carve.
+            let new = if carves { (seen.hidden + seen.expected) / 2.0 } else { seen.expected };
+            ViewForecast {
+                view: c.view,
+                gain: new / total,
+                overlap: seen.overlap(trust),
+                novelty: novelty(&c.view, &state.scans),
+                pixels: [seen.hidden, seen.expected, seen.known, seen.known_behind, seen.covered].map(|n| n / total),
+                bounded: (seen.expected / total).min(1.0 - covered),
+            }
+        };
+        // Episodes side by side, on threads of rayon's, fill the cores already.
+        let views = match rayon::current_thread_index() {
+            Some(_) => candidates.iter().map(look).collect(),
+            None => candidates.par_iter().map(look).collect(),
+        };
+        self.grid = Some(grid);
+        Forecasts { views, covered }
+    }
+
+    /// The views by BENBV's score of their forecasts, best first.
+    pub fn rank(&self, forecasts: &Forecasts) -> Vec<RankedView> {
+        let covered = forecasts.covered;
         let weight = 1.0 / (1.0 + (-10.0 * (covered - self.config.weight_center)).exp());
-        let reward = overlap.map_or(0.0, overlap_response);
-        (weight * (covered + gain) + (1.0 - weight) * reward + self.config.novelty * novelty, overlap)
+        let score = |f: &ViewForecast| {
+            let reward = f.overlap.map_or(0.0, overlap_response);
+            weight * (covered + f.gain) + (1.0 - weight) * reward + self.config.novelty * f.novelty
+        };
+        let ranked = |f: &ViewForecast| {
+            let score = if self.config.gain_only { f.gain } else { score(f) };
+            RankedView { view: f.view, score, gain: Some(f.bounded), overlap: f.overlap }
+        };
+        let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
+        let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < self.config.min_overlap;
+        ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));
+        ranked
     }
 }
 
@@ -166,40 +230,8 @@ impl Planner for VolumetricPlanner {
     }
 
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
-        let cloud = &state.cloud;
-        if state.scans.is_empty() || cloud.is_empty() || !cloud.has_normals() {
-            return Vec::new();
-        }
-        let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
-        let candidates = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
-        let mut grid = self.carved_grid(state);
-        grid.set_cloud(cloud);
-        grid.estimate_covered(cloud, &near, state.tolerance);
-        let per_voxel = (grid.voxel / state.grid_size.max(f64::MIN_POSITIVE)).powi(2);
-        let total = cloud.len() as f64 + 0.8 * grid.relax() as f64 * per_voxel;
-        let covered = cloud.len() as f64 / total;
-        self.coverage = covered;
-        let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
-        let trust = predict::trust(grid.voxel, state.tolerance);
-        let marcher = Marcher::new(&grid, carves);
-        let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
-        let rank = |c: &CandidateView| {
-            let forecast = marcher.forecast(&state.camera, &c.view, stride);
-            let novelty = novelty(&c.view, &state.scans);
-            let (score, overlap) = self.score(&forecast, trust, novelty, covered, total, carves);
-            // No view can add more than what is missing.
-            let gain = (forecast.expected / total).min(1.0 - covered);
-            RankedView { view: c.view, score, gain: Some(gain), overlap }
-        };
-        // Episodes side by side, on threads of rayon's, fill the cores already.
-        let mut ranked: Vec<RankedView> = match rayon::current_thread_index() {
-            Some(_) => candidates.iter().map(rank).collect(),
-            None => candidates.par_iter().map(rank).collect(),
-        };
-        let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < self.config.min_overlap;
-        ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));
-        self.grid = Some(grid);
-        ranked
+        let forecasts = self.forecast(state, rng);
+        self.rank(&forecasts)
     }
 
     fn reset(&mut self) {

@@ -7,21 +7,24 @@ pub mod pc_nbv;
 pub mod random_boundary;
 pub mod random_sphere;
 pub mod random_u_sphere;
+pub mod refined;
 pub mod see;
 pub mod sphere;
 pub mod table;
 
 use crate::config::EvaluateConfig;
+use crate::learned::Learned;
 use crate::networks::Networks;
 use datagen::{Scene, SearchConfig, SearchPlanner};
 use farthest::{FarthestAmong, FarthestPlanner};
 use geometry::candidates::Angles;
-use geometry::{CandidateConfig, Planner, RankedView, ScanState, View};
+use geometry::{CandidateConfig, Planner, RankedView, ScanState, View, VolumetricPlanner};
 use nalgebra::Point3;
 use oracle::{OracleAmong, OraclePlanner};
 use random_boundary::RandomBoundaryPlanner;
 use random_sphere::RandomSpherePlanner;
 use random_u_sphere::RandomSetPlanner;
+use refined::RefinedPlanner;
 use see::{SeeConfig, SeePlanner};
 
 /// How much farther than the working distance the published sphere policies stand from the centre, metres.
@@ -50,6 +53,9 @@ impl Radius {
         }
     }
 }
+
+/// Variants of `volumetric`.
+const REFINED: &str = "nothing, true or learned, or either with -gain or -overlap";
 
 /// A view without a prediction.
 pub(crate) fn ranked(view: View, score: f64) -> RankedView {
@@ -111,8 +117,13 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("random-u-sphere", "latitude-longitude grid without repetition (:paper, :R as above)"),
     ("random-33", "PC-NBV's 33 views at random, without repetition (:paper, :R as above)"),
     ("volumetric", "carved voxels, expected surface, gain and overlap per view; 60 candidates, no model of the object"),
+    (
+        "volumetric:learned",
+        "the same with learned gain and overlap, from --set weights.forecasts=FILE (:learned-gain, :learned-overlap)",
+    ),
     ("farthest", "largest least angle to all past cameras, on a sphere of 500 views (:R in metres)"),
     ("farthest:60", "the same among BENBV's 60 candidates"),
+    ("volumetric:true", "yardstick: volumetric with true gain and overlap (:true-gain, :true-overlap)"),
     ("oracle:20", "yardstick: greedy true gain among BENBV's 20 candidates (any multiple of 3 too)"),
     ("oracle:60", "yardstick: greedy true gain among 20 targets x 3 angles"),
     ("oracle:60:0.3", "yardstick: the same with an overlap of at least 0.3"),
@@ -180,7 +191,29 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
             Box::new(RandomSetPlanner::new(policy, sphere::latitude_longitude(), radius(variant)?))
         }
         ("random-33", _) => Box::new(RandomSetPlanner::new(policy, sphere::pc_nbv_33(), radius(variant)?)),
-        ("volumetric", None) => Box::new(geometry::VolumetricPlanner::default()),
+        ("volumetric", None) => Box::new(VolumetricPlanner::new(config.volumetric.clone())),
+        ("volumetric", Some(v)) => {
+            let (source, what) = v.split_once('-').unwrap_or((v, "gain-overlap"));
+            let (gain, overlap) = match what {
+                "gain" => (true, false),
+                "overlap" => (false, true),
+                "gain-overlap" => (true, true),
+                _ => return Err(unfit(REFINED)),
+            };
+            let source = match source {
+                "true" => {
+                    let search = search(config.candidates.clone());
+                    refined::Source::Truth { scene: context.scene, samples: context.samples, search }
+                }
+                "learned" => {
+                    let weights = |message| PolicyError::Weights { policy: policy.to_owned(), message };
+                    refined::Source::Learned(Learned::read(&config.weights.forecasts).map_err(weights)?)
+                }
+                _ => return Err(unfit(REFINED)),
+            };
+            let replaced = refined::Replaced { gain, overlap };
+            Box::new(RefinedPlanner::new(policy, config.volumetric.clone(), source, replaced))
+        }
         ("farthest", Some(v)) if v.parse::<usize>().is_ok() => {
             Box::new(FarthestPlanner::new(policy, FarthestAmong::Candidates(candidates(variant, 60)?)))
         }

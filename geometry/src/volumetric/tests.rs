@@ -1,4 +1,4 @@
-use super::predict::bounded_stride;
+use super::predict::{Forecast, bounded_stride};
 use super::tiles::{TILE, Tiles};
 use super::*;
 use crate::{DepthImage, NeighborGrid, PastScan, PointCloud, View, rng};
