@@ -2,10 +2,10 @@
 
 use crate::{TrainConfig, TrainError};
 use clap::{Args, ValueEnum};
-use model::BenbvNet;
 use model::checkpoint::{self, Checkpoint};
 use model::encode::{EncodeConfig, Fill, Normalisation};
-use model::published::Precision;
+use model::published::{Network, Precision};
+use model::{BenbvNet, PcNbvNet};
 use std::path::PathBuf;
 
 /// What to convert, and how.
@@ -50,7 +50,11 @@ pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
         Format::F32 => Precision::F32,
         Format::F16 => Precision::F16,
     };
-    let (net, mut info) = if args.input.is_dir() {
+    if args.input.is_dir() && checkpoint::kind(&args.input)? == PcNbvNet::KIND {
+        let (net, info) = checkpoint::load::<PcNbvNet>(&args.input, &device)?;
+        return write(args, &net, info, precision);
+    }
+    let (net, info) = if args.input.is_dir() {
         checkpoint::load::<BenbvNet>(&args.input, &device)?
     } else {
         let mut set = Vec::new();
@@ -65,12 +69,6 @@ pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
         info.provenance.insert("converted_from".into(), args.input.display().to_string());
         (net, info)
     };
-    info.precision = precision;
-    if args.output.extension().is_some_and(|e| e == "safetensors") {
-        checkpoint::export_pytorch(&net, &args.output, precision)?;
-    } else {
-        checkpoint::save(&args.output, &net, &info)?;
-    }
     let EncodeConfig { points, normalisation, fill, .. } = info.encode;
     let frame = match normalisation {
         Normalisation::AsIs => "as is",
@@ -80,6 +78,23 @@ pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
         Fill::Repeat => "repeated",
         Fill::Zeros => "zero-padded",
     };
-    tracing::info!("wrote {:?}: clouds of {points} points, {frame}, {fill}", args.output);
+    write(args, &net, info, precision)?;
+    tracing::info!("clouds of {points} points, {frame}, {fill}");
+    Ok(())
+}
+
+fn write<N: Network>(
+    args: &ConvertArgs,
+    net: &N,
+    mut info: Checkpoint<N::Config>,
+    precision: Precision,
+) -> Result<(), TrainError> {
+    info.precision = precision;
+    if args.output.extension().is_some_and(|e| e == "safetensors") {
+        checkpoint::export_pytorch(net, &args.output, precision)?;
+    } else {
+        checkpoint::save(&args.output, net, &info)?;
+    }
+    tracing::info!("wrote {:?}", args.output);
     Ok(())
 }

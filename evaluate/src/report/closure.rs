@@ -41,3 +41,37 @@ pub fn gap_closures(contents: &Contents, config: &EvaluateConfig, policies: &[St
     }
     Some(table)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+    use crate::record::Timing;
+
+    /// Episodes of Farthest View that reach 90 % at view 6, of BENBV at 6 - `lead`, or at 6 + `lead` in every `worse`-th,
+    /// and of a policy halfway.
+    fn closures(lead: usize, worse: usize) -> Option<Table> {
+        let reach = |name: &str, e: usize, view: usize| {
+            let coverages: Vec<f64> = (1..=12).map(|v| if v >= view { 0.95 } else { 0.5 }).collect();
+            (record("a", name, e, &coverages, &[]), Timing { episode_s: 0.0, decisions_s: Vec::new() })
+        };
+        let of = |e: usize| {
+            let benbv = if e.is_multiple_of(worse) { 6 + lead } else { 6 - lead };
+            [reach("farthest", e, 6), reach("benbv", e, benbv), reach("mine", e, 6 - lead / 2)]
+        };
+        let contents = Contents { episodes: (0..24).flat_map(of).collect(), skipped: Vec::new() };
+        let policies = ["benbv", "farthest", "mine"].map(str::to_owned);
+        gap_closures(&contents, &EvaluateConfig::default(), &policies)
+    }
+
+    #[test]
+    fn a_lead_under_three_standard_errors_is_no_measure() {
+        // Eight of 24 a view pair worse: views differ by 0.67 on the mean, with a standard error of 0.39.
+        assert_eq!(closures(2, 3).map(|t| t.title), None);
+        // One of 24: 1.83 and 0.16.
+        let table = closures(2, 24).expect("a clear lead");
+        assert_eq!((table.title.as_str(), table.rows.len()), ("Gap closure from farthest", 1));
+        let closure: f64 = table.rows[0][1].parse().expect("a number");
+        assert!((0.4..0.7).contains(&closure), "{:?}", table.rows);
+    }
+}
