@@ -70,8 +70,10 @@ impl Default for VolumetricConfig {
 pub struct ViewForecast {
     /// The view.
     pub view: View,
-    /// New surface, as a share of the expected whole.
+    /// New surface, as a share of the expected whole: what the score counts.
     pub gain: f64,
+    /// The gain to tell: the surface expected in unknown space, at most what is missing.
+    pub told_gain: f64,
     /// Overlap of its scan with the cloud; `None` where nothing is expected to be seen.
     pub overlap: Option<f64>,
     /// Angle at the target between the view and the nearest past camera, in half turns.
@@ -80,8 +82,6 @@ pub struct ViewForecast {
     /// surface, those of them that meet the membrane, those that meet surface from its front, the same behind unknown
     /// space, and the covered share of both.
     pub pixels: [f64; 5],
-    /// Reported gain: the expected surface, at most what is missing.
-    bounded: f64,
 }
 
 /// What it expects of all candidates.
@@ -177,10 +177,10 @@ impl VolumetricPlanner {
             ViewForecast {
                 view: c.view,
                 gain: new / total,
+                told_gain: (seen.expected / total).min(1.0 - covered),
                 overlap: seen.overlap(trust),
                 novelty: novelty(&c.view, &state.scans),
                 pixels: [seen.hidden, seen.expected, seen.known, seen.known_behind, seen.covered].map(|n| n / total),
-                bounded: (seen.expected / total).min(1.0 - covered),
             }
         };
         // Episodes side by side, on threads of rayon's, fill the cores already.
@@ -202,7 +202,7 @@ impl VolumetricPlanner {
         };
         let ranked = |f: &ViewForecast| {
             let score = if self.config.gain_only { f.gain } else { score(f) };
-            RankedView { view: f.view, score, gain: Some(f.bounded), overlap: f.overlap }
+            RankedView { view: f.view, score, gain: Some(f.told_gain), overlap: f.overlap }
         };
         let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
         let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < self.config.min_overlap;

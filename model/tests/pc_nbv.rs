@@ -77,6 +77,24 @@ fn order_translation_and_scale_of_the_cloud_do_not_matter() {
 }
 
 #[test]
+fn outputs_are_in_the_unit_of_the_configuration() {
+    let gains = |gain_unit: f64| {
+        let device = Device::flex();
+        device.seed(7);
+        let config = PcNbvNetConfig { gain_unit, ..PcNbvNetConfig::default() };
+        let net = config.init(&device).materialize();
+        let info = checkpoint::Checkpoint::new::<PcNbvNet>(config, EncodeConfig::default());
+        PcNbvModel::new(net, info).predict(&cloud(40, 2), &[0.0; VIEWS]).expect("gains")
+    };
+    let (plain, small) = (gains(1.0), gains(0.05));
+    assert!(plain.iter().any(|g| g.abs() > 1e-3));
+    assert!(plain.iter().zip(small).all(|(p, s)| (p * 0.05 - s).abs() < 1e-6), "{plain:?} {small:?}");
+    let config = PcNbvNetConfig { gain_unit: 0.0, ..PcNbvNetConfig::default() };
+    let refused = <PcNbvNet as model::published::Network>::create(&config, &Device::flex());
+    assert!(refused.expect_err("no unit").contains("gain_unit = 0: expected a positive number"));
+}
+
+#[test]
 fn seventeen_points_and_duplicates_are_enough() {
     let model = model();
     let state = [0.0; VIEWS];

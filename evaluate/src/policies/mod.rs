@@ -207,7 +207,15 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
                 }
                 "learned" => {
                     let weights = |message| PolicyError::Weights { policy: policy.to_owned(), message };
-                    refined::Source::Learned(Learned::read(&config.weights.forecasts).map_err(weights)?)
+                    let file = &config.weights.forecasts;
+                    if file.as_os_str().is_empty() {
+                        return Err(weights(
+                            "make a file with the example learn_forecasts and give --set \
+                                            weights.forecasts=FILE"
+                                .to_owned(),
+                        ));
+                    }
+                    refined::Source::Learned(Learned::read(file).map_err(weights)?)
                 }
                 _ => return Err(unfit(REFINED)),
             };
