@@ -76,3 +76,27 @@ impl Planner for PcNbvPlanner {
         self.marked = 0;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::rng::stream;
+    use model::checkpoint::Checkpoint;
+    use model::encode::EncodeConfig;
+    use model::{PcNbvNet, PcNbvNetConfig};
+
+    #[test]
+    fn the_network_sees_as_many_points_as_it_was_trained_on() {
+        let config = PcNbvNetConfig { points: 20, ..PcNbvNetConfig::default() };
+        let net = config.init(&model::device::open("cpu").expect("cpu"));
+        let network = PcNbvModel::new(net, Checkpoint::new::<PcNbvNet>(config, EncodeConfig::default()));
+        let sees = |published: bool, points: u32| {
+            let planner = PcNbvPlanner::new("pc-nbv", network.clone(), published);
+            let mut state = ScanState::default();
+            state.cloud.points = (0..points).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
+            planner.input(&state, &mut stream(1, "test/pc-nbv")).len()
+        };
+        assert_eq!([sees(false, 100), sees(false, 20), sees(false, 5), sees(false, 0)], [20, 20, 20, 0]);
+        assert_eq!(sees(true, 100), 100, "published: all of them");
+    }
+}
