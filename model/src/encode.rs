@@ -6,10 +6,11 @@
 use crate::benbv::NetInput;
 use burn::tensor::{Device, Tensor, TensorData};
 use geometry::Observation;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use rand::Rng;
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
 
 /// Frame and scale in which the network sees a cloud (method, 'Real clouds').
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -21,6 +22,18 @@ pub enum Normalisation {
     /// 0.2 x [`EncodeConfig::diagonal_fraction`]: scores do not depend on translation and unit of the input.
     #[default]
     Cloud,
+}
+
+/// How the network's axes lie in the world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Orientation {
+    /// As the world's (published).
+    #[default]
+    AsIs,
+    /// The mean of the cloud's normals points to +Z, by the shortest turn: what is left open of the world's
+    /// orientation is one angle, and the side that has been scanned is always up.
+    MeanNormal,
 }
 
 /// What becomes of a cloud with fewer points than the network takes.
@@ -42,6 +55,8 @@ pub struct EncodeConfig {
     pub points: usize,
     /// Frame and scale.
     pub normalisation: Normalisation,
+    /// Axes.
+    pub orientation: Orientation,
     /// Fewer points than N.
     pub fill: Fill,
     /// Diagonal of the cloud after `cloud` normalisation as a share of 0.2. A trainer draws it afresh for each
@@ -51,7 +66,13 @@ pub struct EncodeConfig {
 
 impl Default for EncodeConfig {
     fn default() -> Self {
-        Self { points: 4096, normalisation: Normalisation::Cloud, fill: Fill::Repeat, diagonal_fraction: 1.0 }
+        Self {
+            points: 4096,
+            normalisation: Normalisation::Cloud,
+            orientation: Orientation::AsIs,
+            fill: Fill::Repeat,
+            diagonal_fraction: 1.0,
+        }
     }
 }
 
@@ -143,7 +164,8 @@ pub fn encode(observation: &Observation, config: &EncodeConfig, rng: &mut impl R
     check(observation)?;
     let cloud = observation.cloud;
     let (centre, scale) = frame(observation, config);
-    let place = |p: &nalgebra::Point3<f64>| (p.coords - centre) * scale;
+    let turn = turn(observation, config);
+    let place = |p: &nalgebra::Point3<f64>| turn * (p.coords - centre) * scale;
 
     let n = config.points;
     let mut encoded = Encoded { view_order: observation.view_order as f32, ..Encoded::default() };
@@ -153,7 +175,7 @@ pub fn encode(observation: &Observation, config: &EncodeConfig, rng: &mut impl R
         match index {
             Some(i) => {
                 encoded.points.extend(as_f32(&place(&cloud.points[i])));
-                encoded.normals.extend(as_f32(&cloud.normals[i]));
+                encoded.normals.extend(as_f32(&(turn * cloud.normals[i])));
             }
             None => {
                 encoded.points.extend([0.0; 3]);
@@ -165,7 +187,7 @@ pub fn encode(observation: &Observation, config: &EncodeConfig, rng: &mut impl R
     let unit = if largest > 0.0 { largest } else { 1.0 };
     for candidate in observation.candidates {
         encoded.targets.extend(as_f32(&place(&candidate.view.target)));
-        encoded.directions.extend(as_f32(&candidate.direction()));
+        encoded.directions.extend(as_f32(&(turn * candidate.direction())));
         encoded.density.push((candidate.density / unit) as f32);
     }
     Ok(encoded)
@@ -248,6 +270,20 @@ fn frame(observation: &Observation, config: &EncodeConfig) -> (Vector3<f64>, f64
             let size = OBJECT_DIAGONAL * config.diagonal_fraction;
             // A single point has no size; it is only centred.
             (nalgebra::center(&low, &high).coords, if diagonal > 0.0 { size / diagonal } else { 1.0 })
+        }
+    }
+}
+
+/// Rotation into the network's frame.
+fn turn(observation: &Observation, config: &EncodeConfig) -> Rotation3<f64> {
+    match config.orientation {
+        Orientation::AsIs => Rotation3::identity(),
+        Orientation::MeanNormal => {
+            let sum: Vector3<f64> = observation.cloud.normals.iter().sum();
+            // None where the normals cancel (nothing to do) or point straight down (any half turn will do).
+            Rotation3::rotation_between(&sum, &Vector3::z()).unwrap_or_else(|| {
+                if sum.z < 0.0 { Rotation3::from_axis_angle(&Vector3::x_axis(), PI) } else { Rotation3::identity() }
+            })
         }
     }
 }
@@ -343,6 +379,53 @@ mod tests {
         // The second target is the cloud's fifth point: it moves with the cloud.
         let target = Vector3::from(rows(&encoded.targets)[1]);
         assert!(points.iter().any(|p| (p - target).norm() < 1e-7));
+    }
+
+    #[test]
+    fn the_mean_normal_goes_up_however_the_world_is_turned() {
+        let points: Vec<Point3<f64>> =
+            (0..7).map(|i| Point3::new(f64::from(i), f64::from(i * i % 5), f64::from(i % 3))).collect();
+        let normals = points.iter().map(|p| (p.coords + Vector3::new(1.0, -2.0, 0.5)).normalize()).collect();
+        let cloud = PointCloud { points, normals };
+        let config = EncodeConfig {
+            points: 7,
+            normalisation: Normalisation::AsIs,
+            orientation: Orientation::MeanNormal,
+            ..EncodeConfig::default()
+        };
+        let turned = |turn: Rotation3<f64>| {
+            let cloud = PointCloud {
+                points: cloud.points.iter().map(|p| turn * p).collect(),
+                normals: cloud.normals.iter().map(|n| turn * n).collect(),
+            };
+            let views = candidates().map(|c| CandidateView {
+                view: View { target: turn * c.view.target, position: turn * c.view.position },
+                ..c
+            });
+            encode(&observation(&cloud, &views), &config, &mut stream(1, "e")).unwrap()
+        };
+        let heights = |e: &Encoded| -> Vec<f32> {
+            [&e.points, &e.normals, &e.targets, &e.directions]
+                .into_iter()
+                .flatten()
+                .skip(2)
+                .step_by(3)
+                .copied()
+                .collect()
+        };
+        let straight = turned(Rotation3::identity());
+        let sum = rows(&straight.normals).iter().fold(Vector3::zeros(), |sum, n| sum + Vector3::from(*n));
+        assert!(sum.xy().norm() < 1e-5 && sum.z > 1.0, "{sum}");
+        let up: Vector3<f64> = cloud.normals.iter().sum();
+        let down = Rotation3::rotation_between(&up, &-Vector3::z()).unwrap();
+        for turn in [Rotation3::from_euler_angles(0.3, -1.2, 2.0), Rotation3::from_euler_angles(3.0, 1.0, -0.4), down] {
+            for (a, b) in heights(&turned(turn)).iter().zip(heights(&straight)) {
+                assert!((a - b).abs() < 1e-5, "{a} and {b}");
+            }
+        }
+        let opposed = PointCloud { points: cloud.points[..2].to_vec(), normals: vec![Vector3::x(), -Vector3::x()] };
+        let encoded = encode(&observation(&opposed, &candidates()), &config, &mut stream(1, "e")).unwrap();
+        assert_eq!(encoded.directions, [0.0, 0.0, 1.0, 0.0, 0.0, 1.0], "normals that cancel say nothing");
     }
 
     #[test]

@@ -4,8 +4,8 @@ use crate::TrainError;
 use crate::augment::AugmentConfig;
 use crate::schedule::ScheduleConfig;
 use model::BenbvNetConfig;
-use model::encode::{EncodeConfig, Fill, Normalisation};
-use serde::{Deserialize, Serialize};
+use model::encode::{EncodeConfig, Fill, Normalisation, Orientation};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
 /// Everything that decides a run; `configs/train.toml` lists it with its defaults.
@@ -14,9 +14,10 @@ use std::path::PathBuf;
 pub struct TrainConfig {
     /// Seed of every random stream.
     pub seed: u64,
-    /// Data set: a directory that `datagen` made, or one with the authors' `.bin` files, or such a file. Empty:
-    /// the newest complete set under `runs/data`.
-    pub data: PathBuf,
+    /// Data sets, one or several: each a directory that `datagen` made, or one with the authors' `.bin` files, or
+    /// such a file. Empty: the newest complete set under `runs/data`.
+    #[serde(deserialize_with = "one_or_several")]
+    pub data: Vec<PathBuf>,
     /// Passes over the training samples.
     pub epochs: u32,
     /// Samples per optimizer step.
@@ -55,7 +56,7 @@ impl Default for TrainConfig {
     fn default() -> Self {
         TrainConfig {
             seed: 0,
-            data: PathBuf::new(),
+            data: Vec::new(),
             epochs: 150,
             batch: 128,
             accumulation: 1,
@@ -74,6 +75,21 @@ impl Default for TrainConfig {
             pc_nbv: PcNbvConfig::default(),
         }
     }
+}
+
+/// A path, or a list of paths; an empty path is none.
+fn one_or_several<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<PathBuf>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "a path or a list of paths")]
+    enum Paths {
+        One(PathBuf),
+        Several(Vec<PathBuf>),
+    }
+    Ok(match Paths::deserialize(deserializer)? {
+        Paths::One(path) if path.as_os_str().is_empty() => Vec::new(),
+        Paths::One(path) => vec![path],
+        Paths::Several(paths) => paths,
+    })
 }
 
 /// Networks that can be trained.
@@ -133,6 +149,8 @@ impl Default for PcNbvConfig {
 pub struct InputConfig {
     /// Frame and scale of the cloud.
     pub normalisation: Normalisation,
+    /// Axes of the cloud.
+    pub orientation: Orientation,
     /// Clouds with fewer points than the network takes.
     pub fill: Fill,
 }
@@ -341,6 +359,7 @@ impl TrainConfig {
         EncodeConfig {
             points: self.network.points,
             normalisation: self.input.normalisation,
+            orientation: self.input.orientation,
             fill: self.input.fill,
             diagonal_fraction: 1.0,
         }
@@ -350,6 +369,19 @@ impl TrainConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn data_is_a_path_or_several() {
+        let data = |set: &str| {
+            let config = formats::config::load::<TrainConfig>(None, &[set.to_string()], &[]).expect("settings");
+            config.data.iter().map(|p| p.display().to_string()).collect::<Vec<_>>()
+        };
+        assert_eq!(data("data=runs/data/a"), ["runs/data/a"]);
+        assert_eq!(data(r#"data=["a", "b"]"#), ["a", "b"]);
+        assert!(data("data=''").is_empty());
+        let wrong = formats::config::load::<TrainConfig>(None, &["data=3".to_string()], &[]).expect_err("no path");
+        assert!(wrong.to_string().contains("a path or a list of paths"), "{wrong}");
+    }
 
     #[test]
     fn settings_out_of_range_are_named() {

@@ -3,7 +3,7 @@
 use crate::{TrainConfig, TrainError};
 use clap::{Args, ValueEnum};
 use model::checkpoint::{self, Checkpoint};
-use model::encode::{EncodeConfig, Fill, Normalisation};
+use model::encode::{EncodeConfig, Fill, Normalisation, Orientation};
 use model::published::{Network, Precision};
 use model::{BenbvNet, PcNbvNet};
 use std::path::PathBuf;
@@ -69,17 +69,21 @@ pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
         info.provenance.insert("converted_from".into(), args.input.display().to_string());
         (net, info)
     };
-    let EncodeConfig { points, normalisation, fill, .. } = info.encode;
+    let EncodeConfig { points, normalisation, orientation, fill, .. } = info.encode;
     let frame = match normalisation {
         Normalisation::AsIs => "as is",
         Normalisation::Cloud => "normalised to the cloud",
+    };
+    let axes = match orientation {
+        Orientation::AsIs => "the world's axes",
+        Orientation::MeanNormal => "mean normal upwards",
     };
     let fill = match fill {
         Fill::Repeat => "repeated",
         Fill::Zeros => "zero-padded",
     };
     write(args, &net, info, precision)?;
-    tracing::info!("clouds of {points} points, {frame}, {fill}");
+    tracing::info!("clouds of {points} points, {frame}, {axes}, {fill}");
     Ok(())
 }
 

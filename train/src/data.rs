@@ -61,6 +61,26 @@ impl Dataset {
         }
     }
 
+    /// Opens several sets and joins their samples.
+    ///
+    /// # Errors
+    ///
+    /// As [`Dataset::open`]; no set at all.
+    pub fn open_all(paths: &[PathBuf], fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
+        let mut sets = paths.iter().map(|path| Self::open(path, fraction, seed));
+        let first = sets.next().ok_or_else(|| TrainError::NoData { searched: "no data set is named".into() })??;
+        sets.try_fold(first, |joined, set| Ok(joined.join(set?)))
+    }
+
+    fn join(mut self, other: Dataset) -> Dataset {
+        let moved = |place: Place| Place { source: place.source + self.sources.len(), ..place };
+        self.train.extend(other.train.into_iter().map(moved));
+        self.validation.extend(other.validation.into_iter().map(moved));
+        self.sources.extend(other.sources);
+        self.name = format!("{} + {}", self.name, other.name);
+        self
+    }
+
     fn open_shards(path: &Path, fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
         let manifest = Manifest::read(path)?;
         let missing = missing(&manifest);

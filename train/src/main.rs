@@ -40,9 +40,9 @@ struct TrainArgs {
     /// benbv-net, or its rival pc-nbv (which makes its own data)
     #[arg(long, value_name = "KIND")]
     network: Option<String>,
-    /// Data set; without it the newest complete one under runs/data
+    /// Data set (may be repeated: their samples are joined); without it the newest complete one under runs/data
     #[arg(long, value_name = "DIR")]
-    data: Option<PathBuf>,
+    data: Vec<PathBuf>,
     /// Directory of the run [default: runs/train/<time>; with --resume the newest run there]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -86,10 +86,10 @@ struct TrainArgs {
 
 impl TrainArgs {
     fn flags(&self) -> Vec<Flag> {
-        let path = |p: &PathBuf| p.to_string_lossy().into_owned();
+        let sets: Vec<_> = self.data.iter().map(|p| p.to_string_lossy().into_owned()).collect();
         [
             Flag::given("--network", "kind", self.network.clone()),
-            Flag::given("--data", "data", self.data.as_ref().map(path)),
+            Flag::given("--data", "data", (!sets.is_empty()).then_some(sets)),
             Flag::given("--epochs", "epochs", self.epochs.map(i64::from)),
             Flag::given("--batch", "batch", self.batch.map(i64::from)),
             Flag::given("--points", "network.points", self.points.map(i64::from)),
@@ -198,11 +198,12 @@ fn open_data(config: &mut TrainConfig) -> anyhow::Result<Data> {
         tracing::info!("simulating {} objects", config.pc_nbv.objects + config.pc_nbv.validation_objects);
         return Ok(Data::Gains(GainSet::procedural(&config.pc_nbv, config.seed)));
     }
-    if config.data.as_os_str().is_empty() {
-        config.data = newest_set(Path::new("runs/data"))?;
-        tracing::info!("data: {:?}, the newest complete set under \"runs/data\"", config.data);
+    if config.data.is_empty() {
+        let newest = newest_set(Path::new("runs/data"))?;
+        tracing::info!("data: {newest:?}, the newest complete set under \"runs/data\"");
+        config.data.push(newest);
     }
-    let data = Dataset::open(&config.data, config.validation.fraction, config.seed)?;
+    let data = Dataset::open_all(&config.data, config.validation.fraction, config.seed)?;
     tracing::info!("{} training and {} validation samples of {}", data.num_train(), data.num_validation(), data.name());
     Ok(Data::Decisions(data))
 }

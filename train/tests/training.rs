@@ -222,6 +222,29 @@ fn the_authors_files_train_as_well() {
 }
 
 #[test]
+fn several_sets_are_joined() {
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let (first, second) = (tmp.path().join("first"), tmp.path().join("second"));
+    plain_set(&first, 3, 1);
+    let samples = (0..5).map(|i| sample("other", i, 8)).collect();
+    write_set(&second, &[("other", Split::Train, samples), ("held", Split::Validation, vec![sample("held", 0, 8)])]);
+    let alone = Dataset::open(&first, 0.2, 1).expect("opened");
+    let both = Dataset::open_all(&[first, second.clone()], 0.2, 1).expect("opened");
+    assert_eq!(both.num_train(), alone.num_train() + 5);
+    assert_eq!(both.num_validation(), alone.num_validation() + 1);
+    for i in 0..alone.num_train() {
+        assert_eq!(both.train_sample(i), alone.train_sample(i));
+    }
+    let added = |i| both.train_sample(alone.num_train() + i);
+    assert!((0..5).all(|i| added(i).object == "other" && added(i).scan_index == i));
+    assert_eq!(both.validation_sample(alone.num_validation()).object, "held");
+    assert!(both.name().starts_with(&format!("{} + ", alone.name())), "{}", both.name());
+    let text =
+        Dataset::open_all(&[second, tmp.path().join("none")], 0.2, 1).expect_err("the second is none").to_string();
+    assert!(text.contains("none"), "{text}");
+}
+
+#[test]
 fn unusable_data_is_explained() {
     let tmp = tempfile::tempdir().expect("temp dir");
     let text = Dataset::open(tmp.path(), 0.2, 1).expect_err("an empty directory").to_string();
