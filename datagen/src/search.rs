@@ -7,8 +7,8 @@ use geometry::cloud::Voxels;
 use geometry::coverage::share_within;
 use geometry::neighbors::GrowingNeighborhoods;
 use geometry::{
-    CandidateConfig, CandidateView, NeighborGrid, Planner, PointCloud, RankedView, ScanState, View, ViewScore,
-    score_view,
+    CandidateConfig, CandidateView, NeighborGrid, PinholeCamera, Planner, PointCloud, RankedView, ScanState, View,
+    ViewScore, score_view,
 };
 use nalgebra::Point3;
 use rand_chacha::ChaCha8Rng;
@@ -23,6 +23,9 @@ pub struct SearchConfig {
     pub render: RenderConfig,
     /// What the cloud consists of.
     pub accumulate: Accumulate,
+    /// Score the mean of four images, shifted by a quarter pixel each way, for the one that the scan will take: the
+    /// search then knows the object, but not where on it the pixels fall. Off by default.
+    pub shifted: bool,
 }
 
 impl SearchConfig {
@@ -34,7 +37,7 @@ impl SearchConfig {
     /// The search that imagines what the episode's simulator will measure, but for its noise.
     pub fn of(episode: &EpisodeConfig, candidates: CandidateConfig) -> Self {
         let render = RenderConfig { noise: None, ..episode.render.clone() };
-        Self { candidates, render, accumulate: episode.accumulate }
+        Self { candidates, render, accumulate: episode.accumulate, shifted: false }
     }
 }
 
@@ -127,6 +130,11 @@ impl ScoredViews {
     }
 }
 
+/// Shifts of the image in pixels: none.
+const UNSHIFTED: [[f64; 2]; 1] = [[0.0, 0.0]];
+/// A quarter pixel each way.
+const SHIFTED: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]];
+
 /// Coverage before the scan, and what each view would bring. `reference` is the voxel-averaged surface.
 ///
 /// With [`Accumulate::Measured`] the coverage after a view is that of the cloud and the raw scan together, which is
@@ -163,7 +171,8 @@ fn score_views_among(
         Accumulate::Matched => state.cloud.len() as f64 / total,
     };
     let uncovered_grid = NeighborGrid::new(&uncovered, 2.0 * tolerance);
-    let mut newly_covered = vec![usize::MAX; uncovered.len()];
+    let mut newly_covered = vec![0; uncovered.len()];
+    let mut images = 0;
     let matched = match config.accumulate {
         Accumulate::Measured => Vec::new(),
         Accumulate::Matched => matched_indices(reference, &state.cloud.points),
@@ -171,12 +180,16 @@ fn score_views_among(
     let mut merged = state.cloud.points.clone();
     let mut scratch = RenderScratch::default();
     let mut scan = PointCloud::default();
-    let scores = views.iter().enumerate().map(|(i, view)| {
+    let shifts: &[[f64; 2]] = if config.shifted { &SHIFTED } else { &UNSHIFTED };
+    let mut look = |view: &View, shift: &[f64; 2]| {
+        images += 1;
         scan.points.clear();
         if view.is_valid() {
+            let camera =
+                PinholeCamera { cx: state.camera.cx + shift[0], cy: state.camera.cy + shift[1], ..state.camera };
             let world_from_camera = view.world_from_camera();
-            let image = scene.render(&state.camera, &world_from_camera, &config.render, &mut scratch);
-            image.for_each_point(&state.camera, &world_from_camera, |p| scan.points.push(p));
+            let image = scene.render(&camera, &world_from_camera, &config.render, &mut scratch);
+            image.for_each_point(&camera, &world_from_camera, |p| scan.points.push(p));
         }
         let overlap = share_within(&scan.points, grid, tolerance);
         let coverage = match config.accumulate {
@@ -184,8 +197,8 @@ fn score_views_among(
                 let mut gained = 0;
                 for p in &scan.points {
                     uncovered_grid.for_each_within(p, tolerance, |j| {
-                        gained += usize::from(newly_covered[j] != i);
-                        newly_covered[j] = i;
+                        gained += usize::from(newly_covered[j] != images);
+                        newly_covered[j] = images;
                     });
                 }
                 1.0 - (uncovered.len() - gained) as f64 / total
@@ -207,6 +220,14 @@ fn score_views_among(
                 covered.count() as f64 / total
             }
         };
+        (coverage, overlap)
+    };
+    let scores = views.iter().map(|view| {
+        let seen: Vec<(f64, Option<f64>)> = shifts.iter().map(|shift| look(view, shift)).collect();
+        let overlaps: Vec<f64> = seen.iter().filter_map(|s| s.1).collect();
+        let mean = |sum: f64, count: usize| sum / count as f64;
+        let coverage = mean(seen.iter().map(|s| s.0).sum(), seen.len());
+        let overlap = (!overlaps.is_empty()).then(|| mean(overlaps.iter().sum(), overlaps.len()));
         score_view(coverage, overlap, current)
     });
     (current, scores.collect())

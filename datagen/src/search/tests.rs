@@ -52,6 +52,33 @@ fn scores_equal_brute_force() {
 }
 
 #[test]
+fn shifted_images_are_scored_by_their_mean() {
+    let scene = Scene::new(ball());
+    let samples = ball_samples();
+    let state = ScanState {
+        cloud: PointCloud { points: samples[..samples.len() / 3].to_vec(), normals: Vec::new() },
+        grid_size: 0.0023,
+        tolerance: 0.002,
+        num_scans: 1,
+        ..ScanState::default()
+    };
+    let view = View { target: Point3::new(0.0, 0.0, 0.1), position: Point3::new(0.3, 0.2, 1.2) };
+    let of = |shifted, cx: f64, cy: f64| {
+        let mut state = state.clone();
+        state.camera.cx += cx;
+        state.camera.cy += cy;
+        let (_, scores) =
+            score_views(&scene, &samples, &state, &[view], &SearchConfig { shifted, ..SearchConfig::default() });
+        (scores[0].coverage, scores[0].overlap.unwrap())
+    };
+    let parts = [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)].map(|(x, y)| of(false, x, y));
+    let (coverage, overlap) = of(true, 0.0, 0.0);
+    assert!((coverage - parts.iter().map(|p| p.0).sum::<f64>() / 4.0).abs() < 1e-12);
+    assert!((overlap - parts.iter().map(|p| p.1).sum::<f64>() / 4.0).abs() < 1e-12);
+    assert!(parts.iter().any(|p| p.0 != coverage), "the images differ: {parts:?}");
+}
+
+#[test]
 fn degenerate_views_score_as_empty_scans() {
     let scene = Scene::new(ball());
     let samples = ball_samples();

@@ -55,7 +55,7 @@ impl Radius {
 }
 
 /// Variants of `volumetric`.
-const REFINED: &str = "nothing, true or learned, or either with -gain or -overlap";
+const REFINED: &str = "nothing, true, shifted or learned, or one of these with -gain or -overlap";
 
 /// A view without a prediction.
 pub(crate) fn ranked(view: View, score: f64) -> RankedView {
@@ -107,6 +107,7 @@ pub enum PolicyError {
 pub const POLICIES: &[(&str, &str)] = &[
     ("benbv", "the paper's model-based search, 20 candidates; knows the object"),
     ("benbv:60", "the same with 20 targets x 3 angles (any multiple of 3, e.g. benbv:300)"),
+    ("benbv:shifted", "yardstick: the search where it does not know at which parts of a pixel its samples will fall"),
     ("benbv-net", "the paper's network; no model of the object"),
     ("pc-nbv", "PC-NBV over its 33 views at the working distance (pc-nbv:paper: unmasked, 0.3 m farther)"),
     ("see", "SEE++ with parameters from the first scan"),
@@ -124,6 +125,7 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("farthest", "largest least angle to all past cameras, on a sphere of 500 views (:R in metres)"),
     ("farthest:60", "the same among BENBV's 60 candidates"),
     ("volumetric:true", "yardstick: volumetric with true gain and overlap (:true-gain, :true-overlap)"),
+    ("volumetric:shifted", "yardstick: the same as the mean of images shifted by quarter pixels (:shifted-gain, ...)"),
     ("oracle:20", "yardstick: greedy true gain among BENBV's 20 candidates (any multiple of 3 too)"),
     ("oracle:60", "yardstick: greedy true gain among 20 targets x 3 angles"),
     ("oracle:60:0.3", "yardstick: the same with an overlap of at least 0.3"),
@@ -181,6 +183,10 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
     #[cfg(feature = "networks")]
     let weights = |message| PolicyError::Weights { policy: policy.to_owned(), message };
     Ok(match (family, variant) {
+        ("benbv", Some("shifted")) => {
+            let search = SearchConfig { shifted: true, ..search(config.candidates.clone()) };
+            Box::new(SearchPlanner::new(context.scene, context.samples, search))
+        }
         ("benbv", _) => {
             let candidates = candidates(variant, config.candidates.num_targets)?;
             Box::new(SearchPlanner::new(context.scene, context.samples, search(candidates)))
@@ -201,8 +207,8 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
                 _ => return Err(unfit(REFINED)),
             };
             let source = match source {
-                "true" => {
-                    let search = search(config.candidates.clone());
+                "true" | "shifted" => {
+                    let search = SearchConfig { shifted: source == "shifted", ..search(config.candidates.clone()) };
                     refined::Source::Truth { scene: context.scene, samples: context.samples, search }
                 }
                 "learned" => {
