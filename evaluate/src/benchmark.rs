@@ -6,13 +6,13 @@ use crate::journal::{Contents, Entry, Journal, JournalError};
 use crate::networks::Networks;
 use crate::objects::Object;
 use crate::policies::table::AboveTable;
-use crate::policies::{BoxedPlanner, PolicyContext, PolicyError, make};
+use crate::policies::{BoxedPlanner, PolicyContext, PolicyError, make, weights_of};
 use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
 use datagen::{Decision, Episode, VoidEpisode, run_episode_with};
 use geometry::Planner;
 use geometry::rng::stream;
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Why a run stops.
@@ -86,6 +86,8 @@ pub fn run(
         })
         .filter(|(_, key)| !have.contains(key))
         .collect();
+    let weights: BTreeMap<&str, Option<String>> =
+        policies.iter().map(|policy| (policy.as_str(), weights_of(policy, config, networks))).collect();
     let entries: Vec<Entry> = jobs
         .into_par_iter()
         .with_max_len(1)
@@ -93,7 +95,8 @@ pub fn run(
             if stop.load(Ordering::Relaxed) {
                 return None;
             }
-            Some(run_one(object, key, config, networks).and_then(|entry| {
+            let weights = weights.get(key.policy.as_str()).cloned().flatten();
+            Some(run_one(object, key, weights, config, networks).and_then(|entry| {
                 journal.append(&entry)?;
                 match &entry {
                     Entry::Episode { record, .. } => done(&record.key),
@@ -118,6 +121,7 @@ pub fn run(
 fn run_one(
     object: &Object,
     key: EpisodeKey,
+    weights: Option<String>,
     config: &EvaluateConfig,
     networks: &Networks,
 ) -> Result<Entry, BenchmarkError> {
@@ -126,7 +130,7 @@ fn run_one(
     Ok(match episode(object, planner.as_mut(), key.episode, config, |_| {}) {
         Ok(outcome) => Entry::Episode {
             timing: Timing { episode_s: clock.seconds(), decisions_s: outcome.decision_seconds.clone() },
-            record: EpisodeRecord::new(key, &outcome),
+            record: EpisodeRecord { weights, ..EpisodeRecord::new(key, &outcome) },
         },
         Err(void) => Entry::Skipped(Skipped { key, reason: void.to_string() }),
     })

@@ -82,9 +82,24 @@ impl Contents {
         self.episodes.iter().map(|(r, _)| &r.key).chain(self.skipped.iter().map(|s| &s.key)).cloned().collect()
     }
 
+    /// Forgets the episodes of this policy with other weights than these; says how many.
+    pub fn forget_other_weights(&mut self, policy: &str, weights: Option<&str>) -> usize {
+        let before = self.episodes.len();
+        self.episodes.retain(|(r, _)| r.key.policy != policy || r.weights.as_deref() == weights);
+        before - self.episodes.len()
+    }
+
     /// Into the order of keys.
     pub(crate) fn sort(&mut self) {
         self.episodes.sort_by(|a, b| a.0.key.cmp(&b.0.key));
+        // An episode that was run again, since its weights had changed: the later one.
+        self.episodes.dedup_by(|later, earlier| {
+            let again = later.0.key == earlier.0.key;
+            if again {
+                std::mem::swap(later, earlier);
+            }
+            again
+        });
         self.skipped.sort_by(|a, b| a.key.cmp(&b.key));
     }
 }
@@ -228,6 +243,14 @@ mod tests {
         assert_eq!(contents.episodes[0].0.coverages[1], 1.0 / 3.0, "numbers survive exactly");
         journal.append(&entry(2)).expect("written");
         assert_eq!(read(dir.path()).expect("readable").episodes.len(), 3);
+        let Entry::Episode { mut record, timing } = entry(1) else { panic!("an episode") };
+        record.weights = Some("new".to_owned());
+        journal.append(&Entry::Episode { record, timing }).expect("written");
+        let mut contents = read(dir.path()).expect("readable");
+        let weights: Vec<_> = contents.episodes.iter().map(|(r, _)| r.weights.as_deref()).collect();
+        assert_eq!(weights, [None, Some("new"), None], "the later of two counts");
+        assert_eq!(contents.forget_other_weights("q", Some("new")), 0);
+        assert_eq!(contents.forget_other_weights("p", Some("new")), 2);
         let error = Journal::open(dir.path(), "h2").err().expect("refused").to_string();
         assert!(error.contains("other settings") && error.contains("--out"), "{error}");
         std::fs::write(&path, "{}\n").expect("writable");

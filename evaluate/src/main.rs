@@ -7,7 +7,7 @@ use evaluate::config::{EvaluateConfig, PaperConfig};
 use evaluate::journal::{self, Journal};
 use evaluate::networks::Networks;
 use evaluate::objects;
-use evaluate::policies::{PAPER_POLICIES, POLICIES};
+use evaluate::policies::{PAPER_POLICIES, POLICIES, weights_of};
 use evaluate::report::{self, compare};
 use formats::config::Flag;
 use formats::run::{RunDir, atomic_write};
@@ -112,6 +112,12 @@ fn run(args: &Args) -> anyhow::Result<()> {
     let networks = Networks::new(&config);
     let policies = policies(&config, args.preset.is_some(), &networks)?;
     let (journal, mut contents) = Journal::open(&args.out, &config.outcome_hash()?)?;
+    for policy in &policies {
+        let outdated = contents.forget_other_weights(policy, weights_of(policy, &config, &networks).as_deref());
+        if outdated > 0 {
+            eprintln!("{policy}: {outdated} episodes were run with other weights, and are run again");
+        }
+    }
     let mut directory = RunDir::create(&args.out, "evaluate", &config)?;
     let stop = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&stop);

@@ -3,8 +3,11 @@
 use crate::config::{EvaluateConfig, WeightsConfig};
 use crate::policies::BoxedPlanner;
 use crate::policies::pc_nbv::PcNbvPlanner;
+use formats::config::digest;
 use geometry::CandidateConfig;
+use model::net_planner::BUNDLED_WEIGHTS;
 use model::{NetPlanner, NetPlannerConfig, PcNbvModel};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -13,7 +16,8 @@ use std::sync::Mutex;
 pub struct Networks {
     weights: WeightsConfig,
     candidates: CandidateConfig,
-    benbv_net: Mutex<Option<NetPlanner>>,
+    /// By directory; those that every program carries have none.
+    benbv_net: Mutex<BTreeMap<PathBuf, NetPlanner>>,
     pc_nbv: Mutex<Option<PcNbvModel>>,
 }
 
@@ -23,22 +27,42 @@ impl Networks {
         Self { weights: config.weights.clone(), candidates: config.candidates.clone(), ..Self::default() }
     }
 
-    /// The policy `benbv-net`.
+    /// The policy `benbv-net`, with the weights in this directory or else the configured ones.
     ///
     /// # Errors
     /// What is wrong with the weights.
-    pub fn benbv_net<'a>(&self) -> Result<BoxedPlanner<'a>, String> {
+    pub fn benbv_net<'a>(&self, directory: Option<&str>) -> Result<BoxedPlanner<'a>, String> {
+        let directory = self.benbv_net_directory(directory);
         let mut loaded = self.benbv_net.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if loaded.is_none() {
-            let directory = &self.weights.benbv_net;
-            let config = NetPlannerConfig { candidates: self.candidates.clone(), ..NetPlannerConfig::default() };
-            let planner = match directory.as_os_str().is_empty() {
-                true => NetPlanner::bundled(config),
-                false => NetPlanner::load(directory, config),
-            };
-            *loaded = Some(planner.map_err(|e| e.to_string())?);
+        if let Some(planner) = loaded.get(&directory) {
+            return Ok(Box::new(planner.clone()));
         }
-        loaded.as_ref().map(|p| Box::new(p.clone()) as BoxedPlanner).ok_or_else(|| "not loaded".to_owned())
+        let config = NetPlannerConfig { candidates: self.candidates.clone(), ..NetPlannerConfig::default() };
+        let planner = match directory.as_os_str().is_empty() {
+            true => NetPlanner::bundled(config),
+            false => NetPlanner::load(&directory, config),
+        };
+        let planner = planner.map_err(|e| e.to_string())?;
+        loaded.insert(directory, planner.clone());
+        Ok(Box::new(planner))
+    }
+
+    fn benbv_net_directory(&self, directory: Option<&str>) -> PathBuf {
+        directory.map_or_else(|| self.weights.benbv_net.clone(), PathBuf::from)
+    }
+
+    /// Digest of the weights that a network's policy uses; `None` for other policies.
+    pub fn digest(&self, family: &str, variant: Option<&str>) -> Option<String> {
+        let read = |directory: PathBuf| std::fs::read(directory.join(model::checkpoint::WEIGHTS)).unwrap_or_default();
+        match family {
+            "benbv-net" => {
+                let directory = self.benbv_net_directory(variant);
+                let carried = directory.as_os_str().is_empty();
+                Some(if carried { digest(BUNDLED_WEIGHTS) } else { digest(&read(directory)) })
+            }
+            "pc-nbv" => Some(digest(&read(pc_nbv_directory(&self.weights.pc_nbv).ok()?))),
+            _ => None,
+        }
     }
 
     /// The policy `pc-nbv`, or `pc-nbv:paper`.

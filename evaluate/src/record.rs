@@ -41,6 +41,9 @@ pub struct EpisodeRecord {
     pub void_draws: usize,
     /// Why it ended.
     pub end: End,
+    /// Digest of the weights that the policy used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weights: Option<String>,
 }
 
 /// Times of an episode: never equal twice, so kept apart.
@@ -77,6 +80,7 @@ impl EpisodeRecord {
             hausdorff_m: episode.distances.hausdorff,
             void_draws: episode.void_draws,
             end: episode.end,
+            weights: None,
         }
     }
 

@@ -7,6 +7,8 @@ use evaluate::journal::{Contents, Journal};
 use evaluate::metrics::{Figure, Runs, efficiency};
 use evaluate::networks::Networks;
 use evaluate::objects::{Object, prepare};
+#[cfg(feature = "networks")]
+use evaluate::policies::weights_of;
 use evaluate::policies::{PolicyContext, make};
 use evaluate::record::{EpisodeKey, EpisodeRecord};
 use evaluate::report;
@@ -153,6 +155,41 @@ fn a_stopped_run_keeps_what_it_has() {
     assert!(stopped.episodes.is_empty());
     let whole = run_into(directory.path(), &objects, &config, &["random-33".to_owned()], 1, &AtomicBool::new(false));
     assert_eq!(whole.episodes.len(), 4);
+}
+
+#[cfg(feature = "networks")]
+#[test]
+fn episodes_with_other_weights_do_not_count() {
+    let config = EvaluateConfig { episode: EpisodeConfig { num_views: 1, ..config(1).episode }, ..config(1) };
+    let networks = Networks::new(&config);
+    let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/benbv-net");
+    let copy = tempfile::tempdir().expect("dir");
+    for file in ["checkpoint.toml", "model.safetensors"] {
+        std::fs::copy(bundled.join(file), copy.path().join(file)).expect("copied");
+    }
+    let policy = format!("benbv-net:{}", copy.path().display());
+    let of = |policy: &str| weights_of(policy, &config, &networks);
+    let before = of(&policy);
+    assert_eq!((before.is_some(), &before), (true, &of("benbv-net")), "the same weights, wherever they lie");
+    assert_eq!(of("volumetric"), None);
+    let objects = &objects(&config)[..1];
+    let directory = tempfile::tempdir().expect("dir");
+    let policies = ["benbv-net".to_owned(), policy.clone()];
+    let contents = run_into(directory.path(), objects, &config, &policies, 1, &AtomicBool::new(false));
+    let records: Vec<&EpisodeRecord> = contents.episodes.iter().map(|(r, _)| r).collect();
+    assert_eq!((records.len(), &records[0].views), (2, &records[1].views), "the same network chooses the same");
+    assert!(records.iter().all(|r| r.weights == before));
+    let weights = copy.path().join("model.safetensors");
+    let mut bytes = std::fs::read(&weights).expect("read");
+    *bytes.last_mut().expect("bytes") ^= 1;
+    std::fs::write(&weights, bytes).expect("written");
+    assert_ne!(of(&policy), before);
+    let mut contents = evaluate::journal::read(directory.path()).expect("read");
+    assert_eq!(contents.forget_other_weights("benbv-net", of("benbv-net").as_deref()), 0);
+    assert_eq!(contents.forget_other_weights(&policy, of(&policy).as_deref()), 1);
+    let context = PolicyContext { scene: &objects[0].scene, samples: &[], config: &config, networks: &networks };
+    let missing = make("benbv-net:no/such", &context).err().expect("refused").to_string();
+    assert!(missing.contains("no/such"), "{missing}");
 }
 
 #[test]

@@ -96,7 +96,12 @@ pub fn to_toml<T: Serialize>(config: &T) -> Result<String, ConfigError> {
 /// # Errors
 /// A type that TOML cannot say.
 pub fn hash<T: Serialize>(config: &T) -> Result<String, ConfigError> {
-    Ok(crate::run::hex(&Sha256::digest(to_toml(config)?.as_bytes())[..8]))
+    Ok(digest(to_toml(config)?.as_bytes()))
+}
+
+/// First 16 hexadecimal digits of the SHA-256 of these bytes.
+pub fn digest(bytes: &[u8]) -> String {
+    crate::run::hex(&Sha256::digest(bytes)[..8])
 }
 
 fn layer_error(origin: String, error: &toml::de::Error) -> ConfigError {

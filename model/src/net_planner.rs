@@ -49,6 +49,9 @@ pub struct NetPlanner {
     last_error: Option<EncodeError>,
 }
 
+/// The weights that every program carries (`weights/benbv-net`), a safetensors file.
+pub const BUNDLED_WEIGHTS: &[u8] = include_bytes!("../../weights/benbv-net/model.safetensors");
+
 impl NetPlanner {
     /// From a checkpoint directory.
     pub fn load(directory: &Path, config: NetPlannerConfig) -> Result<Self, NetPlannerError> {
@@ -66,11 +69,7 @@ impl NetPlanner {
 
     /// With the weights that come with the source (`weights/benbv-net`), which every program carries.
     pub fn bundled(config: NetPlannerConfig) -> Result<Self, NetPlannerError> {
-        Self::from_bytes(
-            include_str!("../../weights/benbv-net/checkpoint.toml"),
-            include_bytes!("../../weights/benbv-net/model.safetensors"),
-            config,
-        )
+        Self::from_bytes(include_str!("../../weights/benbv-net/checkpoint.toml"), BUNDLED_WEIGHTS, config)
     }
 
     /// From a network at hand, on its device.

@@ -17,6 +17,7 @@ use crate::learned::Learned;
 use crate::networks::Networks;
 use datagen::{Scene, SearchConfig, SearchPlanner};
 use farthest::{FarthestAmong, FarthestPlanner};
+use formats::config::digest;
 use geometry::candidates::Angles;
 use geometry::{CandidateConfig, Planner, RankedView, ScanState, View, VolumetricPlanner};
 use nalgebra::Point3;
@@ -108,7 +109,7 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("benbv", "the paper's model-based search, 20 candidates; knows the object"),
     ("benbv:60", "the same with 20 targets x 3 angles (any multiple of 3, e.g. benbv:300)"),
     ("benbv:shifted", "yardstick: the search where it does not know at which parts of a pixel its samples will fall"),
-    ("benbv-net", "the paper's network; no model of the object"),
+    ("benbv-net", "the paper's network; no model of the object (benbv-net:DIR with the checkpoint in DIR)"),
     ("pc-nbv", "PC-NBV over its 33 views at the working distance (pc-nbv:paper: unmasked, 0.3 m farther)"),
     ("see", "SEE++ with parameters from the first scan"),
     ("see:r010", "SEE++ with r = 0.010, rho = 4e6"),
@@ -154,6 +155,18 @@ fn with_candidates(config: &CandidateConfig, count: usize) -> Option<CandidateCo
         return Some(CandidateConfig { num_targets: count / tilts, angles: Angles::All, ..config.clone() });
     }
     None
+}
+
+/// Digest of the weights or coefficients that a policy reads from files or carries; `None` where there are none. Episodes
+/// with others do not count as done.
+pub fn weights_of(policy: &str, config: &EvaluateConfig, networks: &Networks) -> Option<String> {
+    let (family, variant) = policy.split_once(':').map_or((policy, None), |(f, v)| (f, Some(v)));
+    match variant {
+        Some(v) if family == "volumetric" && v.starts_with("learned") => {
+            Some(digest(&std::fs::read(&config.weights.forecasts).unwrap_or_default()))
+        }
+        _ => networks.digest(family, variant),
+    }
 }
 
 /// Makes a policy by its name.
@@ -259,7 +272,7 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
             Box::new(OraclePlanner::new(policy, context.scene, context.samples, among, search, min_overlap))
         }
         #[cfg(feature = "networks")]
-        ("benbv-net", None) => context.networks.benbv_net().map_err(weights)?,
+        ("benbv-net", directory) => context.networks.benbv_net(directory).map_err(weights)?,
         #[cfg(feature = "networks")]
         ("pc-nbv", None | Some("paper")) => context.networks.pc_nbv(policy, variant.is_some()).map_err(weights)?,
         #[cfg(not(feature = "networks"))]
