@@ -18,7 +18,7 @@ fn the_commented_defaults_are_the_codes() {
 
 #[test]
 fn presets_are_valid() {
-    for name in ["tiny", "compact", "paper"] {
+    for name in ["tiny", "compact", "paper-scale", "pc-nbv", "paper"] {
         let path = shipped(&format!("{name}/train.toml"));
         let config: TrainConfig = formats::config::load(Some(&path), &[], &[]).expect(name);
         config.validate().expect(name);
