@@ -79,20 +79,22 @@ fn bundled_weights_answer_alike() {
             return;
         }
     };
-    let directory = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/benbv-net");
-    let mut rng = geometry::rng::stream(13, "gpu/bundled");
-    let batch: Vec<_> = (0..4).map(|_| sample(256, 20, &mut rng)).collect();
-    let scores = |device: &Device| {
-        let (net, _) = checkpoint::load::<BenbvNet>(&directory, device).expect("bundled weights");
-        let input = to_input(&batch, 20, device).expect("a valid batch");
-        net.forward(input).into_data().convert::<f32>().try_to_vec::<f32>().expect("f32")
-    };
-    let (a, b) = (scores(&Device::flex()), scores(&gpu));
-    let worst = a.iter().zip(&b).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
-    println!("bundled weights {worst:e}");
-    assert!(worst < 1e-5, "{worst:e}");
-    let first = |row: &[f32]| (0..row.len()).max_by(|&i, &j| row[i].total_cmp(&row[j]));
-    for (a, b) in a.chunks(20).zip(b.chunks(20)) {
-        assert_eq!(first(a), first(b), "{a:?} {b:?}");
+    for name in ["benbv-net", "benbv-net-paper-scale"] {
+        let directory = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights").join(name);
+        let mut rng = geometry::rng::stream(13, "gpu/bundled");
+        let batch: Vec<_> = (0..4).map(|_| sample(256, 20, &mut rng)).collect();
+        let scores = |device: &Device| {
+            let (net, _) = checkpoint::load::<BenbvNet>(&directory, device).expect("shipped weights");
+            let input = to_input(&batch, 20, device).expect("a valid batch");
+            net.forward(input).into_data().convert::<f32>().try_to_vec::<f32>().expect("f32")
+        };
+        let (a, b) = (scores(&Device::flex()), scores(&gpu));
+        let worst = a.iter().zip(&b).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+        println!("weights/{name} {worst:e}");
+        assert!(worst < 1e-5, "{name} {worst:e}");
+        let first = |row: &[f32]| (0..row.len()).max_by(|&i, &j| row[i].total_cmp(&row[j]));
+        for (a, b) in a.chunks(20).zip(b.chunks(20)) {
+            assert_eq!(first(a), first(b), "{a:?} {b:?}");
+        }
     }
 }
