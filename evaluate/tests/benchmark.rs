@@ -157,6 +157,43 @@ fn a_stopped_run_keeps_what_it_has() {
     assert_eq!(whole.episodes.len(), 4);
 }
 
+#[test]
+fn shifted_yardsticks_see_other_samples() {
+    let config = EvaluateConfig { episode: EpisodeConfig { num_views: 1, ..config(1).episode }, ..config(1) };
+    let networks = Networks::new(&config);
+    let object = &objects(&config)[0];
+    let context =
+        PolicyContext { scene: &object.scene, samples: &object.samples, config: &config, networks: &networks };
+    let gains = |policy: &str| {
+        let mut planner = make(policy, &context).expect(policy);
+        let mut gains = Vec::new();
+        let keep = |d: &datagen::Decision| gains.extend(d.ranked.iter().filter_map(|r| r.gain));
+        episode(object, planner.as_mut(), 0, &config, keep).expect("an episode");
+        gains.sort_by(f64::total_cmp);
+        gains
+    };
+    for (exact, shifted) in [("benbv", "benbv:shifted"), ("volumetric:true", "volumetric:shifted")] {
+        let (exact, shifted) = (gains(exact), gains(shifted));
+        assert_ne!(exact, shifted);
+        let near = exact.iter().zip(&shifted).all(|(a, b)| (a - b).abs() < 0.02);
+        assert!(near && exact.len() == shifted.len() && exact.len() > 10, "{exact:?} {shifted:?}");
+    }
+}
+
+#[cfg(feature = "networks")]
+#[test]
+fn the_network_of_the_published_size_comes_with_the_source() {
+    let config = config(1);
+    let networks = Networks::new(&config);
+    let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights");
+    let policy = format!("benbv-net:{}", weights.join("benbv-net-paper-scale").display());
+    let scene = Scene::new(Mesh::default());
+    make(&policy, &PolicyContext { scene: &scene, samples: &[], config: &config, networks: &networks }).expect("loads");
+    assert_ne!(weights_of(&policy, &config, &networks), weights_of("benbv-net", &config, &networks));
+    let size = |name: &str| std::fs::metadata(weights.join(name).join("model.safetensors")).expect("there").len();
+    assert!(size("benbv-net") + size("benbv-net-paper-scale") < 24_000_000);
+}
+
 #[cfg(feature = "networks")]
 #[test]
 fn episodes_with_other_weights_do_not_count() {
