@@ -5,17 +5,18 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const CRATES: [&str; 7] = ["geometry", "formats", "datagen", "model", "train", "infer", "evaluate"];
+const CRATES: [&str; 8] = ["geometry", "planning", "formats", "datagen", "model", "train", "infer", "evaluate"];
 
 /// What each crate may use of ours, and whether it may name burn.
-const RULES: [(&str, &[&str], bool); 7] = [
+const RULES: [(&str, &[&str], bool); 8] = [
     ("geometry", &[], false),
-    ("formats", &["geometry"], false),
-    ("datagen", &["geometry", "formats"], false),
-    ("model", &["geometry"], true),
-    ("train", &["geometry", "formats", "datagen", "model"], true),
-    ("infer", &["geometry", "formats", "datagen", "model"], false),
-    ("evaluate", &["geometry", "formats", "datagen", "model", "infer"], false),
+    ("planning", &["geometry"], false),
+    ("formats", &["geometry", "planning"], false),
+    ("datagen", &["geometry", "planning", "formats"], false),
+    ("model", &["geometry", "planning"], true),
+    ("train", &["geometry", "planning", "formats", "datagen", "model"], true),
+    ("infer", &["geometry", "planning", "formats", "datagen", "model"], false),
+    ("evaluate", &["geometry", "planning", "formats", "datagen", "model"], false),
 ];
 
 fn manifest(name: &str) -> toml::Table {
@@ -62,8 +63,9 @@ fn crates_use_only_what_their_room_allows() {
 }
 
 #[test]
-fn geometry_touches_no_files_no_clock_and_no_global_randomness() {
-    for path in sources(&tests::root().join("geometry/src")) {
+fn geometry_and_planning_touch_no_files_no_clock_and_no_global_randomness() {
+    let pure = ["geometry/src", "planning/src"];
+    for path in pure.iter().flat_map(|folder| sources(&tests::root().join(folder))) {
         // Compiled for tests only.
         if path.ends_with("golden.rs") || path.ends_with("tests.rs") {
             continue;
@@ -73,6 +75,54 @@ fn geometry_touches_no_files_no_clock_and_no_global_randomness() {
         {
             assert!(!text.contains(forbidden), "{} uses {forbidden}", path.display());
         }
+    }
+}
+
+/// Files that contain one of `words` in their shipped part, as `crate/src/...`.
+fn files_with(words: &[&str]) -> Vec<String> {
+    let mut found = Vec::new();
+    for name in CRATES {
+        for path in sources(&tests::root().join(name).join("src")) {
+            let text = shipped(&path);
+            if words.iter().any(|word| text.contains(word)) && !path.ends_with("tests.rs") {
+                let path = path.strip_prefix(tests::root()).expect("inside");
+                found.push(path.to_string_lossy().replace('\\', "/"));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn there_is_one_loop_one_session_and_one_accumulation() {
+    // The loop takes shots with the simulated camera and adds them to a session.
+    assert_eq!(files_with(&["camera.take("]), ["datagen/src/episode.rs"], "the one loop");
+    assert_eq!(files_with(&["pub struct Session {"]), ["planning/src/session.rs"], "the one session");
+    assert_eq!(files_with(&["impl Planner for Farthest"]), ["planning/src/planners/farthest.rs"], "the one `farthest`");
+    let merges = files_with(&["merged.merge(", "voxel_downsample("]);
+    assert_eq!(merges, ["geometry/src/cloud.rs", "planning/src/accumulate.rs"], "the one way of merging scans");
+    // Only those who simulate or score true scans render: the world, the search, and programs that make data from fixed views.
+    let simulate = files_with(&["scene.render(", ".depth_image("]);
+    let allowed = [
+        "datagen/src/scene.rs",
+        "datagen/src/search.rs",
+        "datagen/src/world.rs",
+        "evaluate/src/objects.rs",
+        "infer/src/simulate.rs",
+        "train/src/pc_nbv_data.rs",
+    ];
+    for file in &simulate {
+        assert!(allowed.contains(&file.as_str()), "{file} renders scans by itself; drive datagen::run_session");
+    }
+}
+
+#[test]
+fn only_the_loop_decides() {
+    // Whoever asks a planner for views outside of the loop, the session and planners that wrap planners builds a second
+    // loop.
+    let allowed = ["datagen/src/episode.rs", "planning/src/", "evaluate/src/policies/", "model/src/net_planner.rs"];
+    for file in files_with(&[".rank_views("]) {
+        assert!(allowed.iter().any(|a| file.starts_with(a)), "{file} asks a planner by itself");
     }
 }
 

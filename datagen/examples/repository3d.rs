@@ -9,8 +9,9 @@
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use datagen::{Episode, EpisodeConfig, RenderScratch, Scene, SearchConfig, SearchPlanner, run_episode_with};
-use geometry::{CandidateConfig, View, rng::stream};
+use geometry::{View, rng::stream};
 use nalgebra::Point3;
+use planning::CandidateConfig;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -4,7 +4,7 @@ use crate::dataset::DatasetConfig;
 use crate::episode::EpisodeConfig;
 use crate::search::SearchConfig;
 use formats::CloudPrecision;
-use geometry::CandidateConfig;
+use planning::CandidateConfig;
 use serde::{Deserialize, Serialize};
 
 /// Settings of data generation. The output follows from them, the meshes and the commit alone.

@@ -1,66 +1,33 @@
-//! The one loop of scanning and planning, for data generation, validation in training, and evaluation alike.
+//! The one loop of scanning and planning, for data generation, validation in training, and evaluation alike. It drives
+//! the session that a robot's loop drives.
 
 use crate::pose_error::{PoseError, PoseErrorConfig};
 use crate::scene::{RenderConfig, RenderScratch, Scene};
-use geometry::coverage::matched_surface;
+use crate::world::{ScanCamera, World, episode_session};
 use geometry::metrics::{SurfaceDistances, surface_distances, views_to};
 use geometry::rng::stream;
-use geometry::{
-    Misses, PastScan, PinholeCamera, Planner, PointCloud, RankedView, ScanState, Seen, View, VoxelOrigin, coverage,
-    estimate_normals, mean_spacing, orient_normals_along, orient_normals_toward, overlap,
-};
+use geometry::{PinholeCamera, PointCloud, View, overlap};
 use nalgebra::{Point3, Vector3};
+use planning::{Accumulate, PlanError, Planner, RankedView, ScanState, Session};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use std::time::Instant;
 
-/// Neighbours of a scan's normals.
-const NORMAL_NEIGHBORS: usize = 20;
-
-/// What the accumulated cloud consists of.
+/// What planners are told of a scan; the camera measures the same whatever it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Accumulate {
-    /// The points measured, averaged in voxels that stay where they are.
+pub enum EpisodeEvidence {
+    /// Depth images with poses, whose pixels without a return are free space.
     #[default]
-    Measured,
-    /// As published: the reference points matched so far. Planners then see samples of the true surface.
-    Matched,
-}
-
-impl Accumulate {
-    /// Where the voxels lie that average the cloud.
-    pub fn voxel_origin(self) -> VoxelOrigin {
-        match self {
-            Accumulate::Measured => VoxelOrigin::World,
-            Accumulate::Matched => VoxelOrigin::CloudMinimum,
-        }
-    }
-
-    /// The cloud with a scan added, and the share of the reference that it covers then.
-    pub(crate) fn add(
-        self,
-        cloud: &PointCloud,
-        scan: &PointCloud,
-        reference: &[Point3<f64>],
-        grid_size: f64,
-        tolerance: f64,
-    ) -> (PointCloud, f64) {
-        let mut merged = cloud.clone();
-        merged.merge(scan);
-        let merged = merged.voxel_downsample(grid_size, self.voxel_origin());
-        match self {
-            Accumulate::Measured => {
-                let covered = coverage(&merged.points, reference, tolerance);
-                (merged, covered)
-            }
-            Accumulate::Matched => {
-                let matched = matched_surface(&merged, reference, tolerance);
-                let covered = matched.len() as f64 / reference.len().max(1) as f64;
-                (matched, covered)
-            }
-        }
-    }
+    DepthWithBackground,
+    /// Depth images with poses, whose pixels without a return mean nothing: what most sensors give.
+    Depth,
+    /// Clouds with the position of their camera.
+    CameraPositions,
+    /// Clouds alone, one per scan.
+    Clouds,
+    /// One cloud of all points, and nothing else.
+    Merged,
 }
 
 /// The simulated camera's image.
@@ -108,7 +75,9 @@ pub struct EpisodeConfig {
     pub tolerance_m: f64,
     /// Next views after the first scan (15).
     pub num_views: usize,
-    /// What the cloud consists of.
+    /// What planners are told of a scan.
+    pub evidence: EpisodeEvidence,
+    /// How scans are merged into what planners see.
     pub accumulate: Accumulate,
     /// End at full coverage, as published. Off by default.
     pub stop_at_full_coverage: bool,
@@ -131,7 +100,8 @@ impl Default for EpisodeConfig {
             initial_whole_degrees: false,
             tolerance_m: 0.002,
             num_views: 15,
-            accumulate: Accumulate::Measured,
+            evidence: EpisodeEvidence::DepthWithBackground,
+            accumulate: Accumulate::Averaged,
             stop_at_full_coverage: false,
             min_first_points: 50,
             min_first_coverage: 0.05,
@@ -243,6 +213,22 @@ pub struct VoidEpisode {
     pub min_coverage: f64,
 }
 
+/// Why there is no outcome.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum EpisodeError {
+    /// No usable first scan.
+    #[error(transparent)]
+    Void(#[from] VoidEpisode),
+    /// The policy failed.
+    #[error("next view {}: {error}", index + 1)]
+    Plan {
+        /// 0 for the first next view.
+        index: usize,
+        /// How.
+        error: PlanError,
+    },
+}
+
 /// A decision as it was taken.
 pub struct Decision<'a> {
     /// 0 for the first next view.
@@ -260,18 +246,24 @@ pub struct Decision<'a> {
 /// Scans an object: a first view, then those of the policy. `samples` are the 60,000 surface samples, not yet
 /// averaged. Draws of the first view come from `rng` before all others, so that policies given equal streams start
 /// from equal views.
+///
+/// # Errors
+/// No usable first view, or a policy that fails.
 pub fn run_episode<P: Planner + ?Sized>(
     scene: &Scene,
     samples: &[Point3<f64>],
     planner: &mut P,
     config: &EpisodeConfig,
     rng: &mut ChaCha8Rng,
-) -> Result<Episode, VoidEpisode> {
+) -> Result<Episode, EpisodeError> {
     run_episode_with(scene, samples, planner, config, rng, |_, _| {})
 }
 
 /// [`run_episode`], showing every decision to `observe` together with the policy, after it decided and before its
 /// view is scanned.
+///
+/// # Errors
+/// As [`run_episode`].
 pub fn run_episode_with<P: Planner + ?Sized>(
     scene: &Scene,
     samples: &[Point3<f64>],
@@ -279,148 +271,122 @@ pub fn run_episode_with<P: Planner + ?Sized>(
     config: &EpisodeConfig,
     rng: &mut ChaCha8Rng,
     mut observe: impl FnMut(&P, &Decision),
-) -> Result<Episode, VoidEpisode> {
+) -> Result<Episode, EpisodeError> {
     planner.reset();
+    let decide = |session: &mut Session, progress: &Progress, rng: &mut ChaCha8Rng| {
+        let state = session.state();
+        let ranked = planner.rank_views(state, rng);
+        let Progress { index, coverage, reference, .. } = *progress;
+        let ranked_or_none = ranked.as_deref().unwrap_or_default();
+        observe(planner, &Decision { index, state, ranked: ranked_or_none, reference, current_coverage: coverage });
+        ranked
+    };
+    let session = episode_session(config, samples);
+    run_session(scene, samples, session, config, rng, decide).map(|(episode, _)| episode)
+}
+
+/// How far an episode is when the next view is decided.
+pub struct Progress<'a> {
+    /// 0 for the first next view.
+    pub index: usize,
+    /// The view scanned last.
+    pub view: &'a View,
+    /// Coverage so far.
+    pub coverage: f64,
+    /// Overlap of the last scan with the cloud before it.
+    pub overlap: Option<f64>,
+    /// The voxel-averaged reference surface.
+    pub reference: &'a [Point3<f64>],
+}
+
+/// The loop itself: scans into a session, `decide` answering with views, best first, and the first of them scanned.
+/// The session comes back with all scans.
+///
+/// # Errors
+/// No usable first view, or a decision that fails.
+pub fn run_session(
+    scene: &Scene,
+    samples: &[Point3<f64>],
+    session: Session,
+    config: &EpisodeConfig,
+    rng: &mut ChaCha8Rng,
+    mut decide: impl FnMut(&mut Session, &Progress, &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError>,
+) -> Result<(Episode, Session), EpisodeError> {
     let mut config = config.clone();
     let noise_key: u64 = rng.r#gen();
     if let Some(noise) = &mut config.render.noise {
         noise.seed ^= noise_key;
     }
     let pose_error = config.pose_error.clone().map(|c| PoseError::new(c, stream(noise_key, "pose")));
-    let mut simulator = Simulator { scene, config: &config, scratch: RenderScratch::default(), pose_error };
-    let Start { view, first, void_draws } = first_scan(&mut simulator, samples, rng)?;
-    let FirstScan { points, past, mut state, reference, mut current } = first;
+    let mut camera = ScanCamera { scene, config: &config, scratch: RenderScratch::default(), pose_error };
+    let mut world = World::new(session, &config, samples);
+    let (mut view, void_draws) = first_scan(&mut camera, &mut world, rng)?;
     let mut episode = Episode {
         views: vec![view],
-        coverages: vec![current],
+        coverages: vec![world.covered],
         overlaps: Vec::new(),
-        scan_points: vec![points],
-        grid_size: state.grid_size,
-        num_reference: reference.len(),
+        scan_points: vec![world.first_points],
+        grid_size: world.grid_size,
+        num_reference: world.reference().len(),
         distances: SurfaceDistances::default(),
         void_draws,
         end: End::AllViews,
         decision_seconds: Vec::new(),
         cloud: PointCloud::default(),
     };
-    state.scans.push(past);
     for index in 0..config.num_views {
-        if config.stop_at_full_coverage && current >= 1.0 {
+        if config.stop_at_full_coverage && world.covered >= 1.0 {
             episode.end = End::FullCoverage;
             break;
         }
+        let overlap_before = episode.overlaps.last().copied().flatten();
         let clock = Instant::now();
-        let ranked = planner.rank_views(&state, rng);
+        let answer = world.decide(|session, reference, coverage| {
+            decide(session, &Progress { index, view: &view, coverage, overlap: overlap_before, reference }, rng)
+        });
         episode.decision_seconds.push(clock.elapsed().as_secs_f64());
-        observe(
-            planner,
-            &Decision { index, state: &state, ranked: &ranked, reference: &reference, current_coverage: current },
-        );
-        let Some(view) = ranked.first().map(|r| r.view) else {
-            episode.end = End::NoView;
-            break;
+        view = match answer {
+            Ok(ranked) if !ranked.is_empty() => ranked[0].view,
+            Err(error) if !error.is_end() => return Err(EpisodeError::Plan { index, error }),
+            _ => {
+                episode.end = End::NoView;
+                break;
+            }
         };
-        let (past, scan) = simulator.scan(&view);
-        episode.overlaps.push(overlap(&scan.points, &state.cloud.points, config.tolerance_m));
-        if !scan.is_empty() {
-            let grid_size = state.grid_size;
-            (state.cloud, current) =
-                config.accumulate.add(&state.cloud, &scan, &reference, grid_size, config.tolerance_m);
-        }
-        state.scans.push(past);
-        state.num_scans += 1;
+        let shot = camera.take(&view);
+        episode.overlaps.push(overlap(&shot.points, &world.cloud().points, config.tolerance_m));
+        episode.scan_points.push(shot.points.len());
+        world.add(shot);
         episode.views.push(view);
-        episode.coverages.push(current);
-        episode.scan_points.push(scan.len());
+        episode.coverages.push(world.covered);
     }
-    episode.distances = surface_distances(&state.cloud.points, &reference);
-    episode.cloud = state.cloud;
-    Ok(episode)
+    episode.distances = surface_distances(&world.cloud().points, world.reference());
+    episode.cloud = world.cloud().clone();
+    Ok((episode, world.session))
 }
 
-/// The camera in its scene.
-struct Simulator<'a> {
-    scene: &'a Scene,
-    config: &'a EpisodeConfig,
-    scratch: RenderScratch,
-    pose_error: Option<PoseError>,
-}
-
-impl Simulator<'_> {
-    /// What the camera sees from a view, as evidence and as a cloud with normals. Nothing from a degenerate view.
-    fn scan(&mut self, view: &View) -> (PastScan, PointCloud) {
-        let camera = self.config.image.camera();
-        let commanded = view.world_from_camera();
-        let (actual, world_from_camera) = match &mut self.pose_error {
-            Some(error) => error.poses(&commanded),
-            None => (commanded, commanded),
-        };
-        let depth = if view.is_valid() {
-            self.scene.render(&camera, &actual, &self.config.render, &mut self.scratch).clone()
-        } else {
-            geometry::DepthImage::default()
-        };
-        let points = depth.to_points(&camera, &world_from_camera);
-        let mut cloud = PointCloud { normals: estimate_normals(&points, NORMAL_NEIGHBORS), points };
-        match self.config.accumulate {
-            Accumulate::Measured => orient_normals_toward(&mut cloud, &world_from_camera.translation.vector.into()),
-            Accumulate::Matched => orient_normals_along(&mut cloud, &view.direction()),
-        }
-        (PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses: Misses::Free } }, cloud)
-    }
-}
-
-/// The state after a usable first scan.
-struct FirstScan {
-    points: usize,
-    past: PastScan,
-    state: ScanState,
-    reference: Vec<Point3<f64>>,
-    current: f64,
-}
-
-struct Start {
-    view: View,
-    first: FirstScan,
-    void_draws: usize,
-}
-
-fn first_scan(simulator: &mut Simulator, samples: &[Point3<f64>], rng: &mut ChaCha8Rng) -> Result<Start, VoidEpisode> {
-    let config = simulator.config;
+/// The first view whose scan is usable, and how many before it were not.
+fn first_scan(camera: &mut ScanCamera, world: &mut World, rng: &mut ChaCha8Rng) -> Result<(View, usize), VoidEpisode> {
+    let config = camera.config;
     let (mut most_points, mut best_coverage) = (0, 0f64);
     for void_draws in 0..config.max_draws {
         let view = initial_view(config, rng);
-        if let Some(error) = &mut simulator.pose_error {
+        if let Some(error) = &mut camera.pose_error {
             error.restart();
         }
-        let (past, scan) = simulator.scan(&view);
-        most_points = most_points.max(scan.len());
-        if scan.len() < config.min_first_points.max(2) {
+        let shot = camera.take(&view);
+        let points = shot.points.len();
+        most_points = most_points.max(points);
+        if points < config.min_first_points.max(2) {
             continue;
         }
-        let grid_size = mean_spacing(&scan.points);
-        let reference = reference_surface(samples, grid_size, config.accumulate);
-        let (cloud, current) = first_cloud(config.accumulate, &scan, &reference, grid_size, config.tolerance_m);
-        best_coverage = best_coverage.max(current);
+        world.begin(shot);
+        best_coverage = best_coverage.max(world.covered);
         // As published: a scan with more points than the reference is void too.
-        if current < config.min_first_coverage || scan.len() > reference.len() {
+        if world.covered < config.min_first_coverage || points > world.reference().len() {
             continue;
         }
-        let state = ScanState {
-            cloud,
-            scans: Vec::new(),
-            num_scans: 1,
-            grid_size,
-            working_distance: config.working_distance_m,
-            tolerance: config.tolerance_m,
-            camera: config.image.camera(),
-            near: None,
-        };
-        return Ok(Start {
-            view,
-            first: FirstScan { points: scan.len(), past, state, reference, current },
-            void_draws,
-        });
+        return Ok((view, void_draws));
     }
     Err(VoidEpisode {
         draws: config.max_draws,
@@ -429,32 +395,6 @@ fn first_scan(simulator: &mut Simulator, samples: &[Point3<f64>], rng: &mut ChaC
         coverage: best_coverage,
         min_coverage: config.min_first_coverage,
     })
-}
-
-/// The first scan as a cloud: measured, thinned like all later ones; matched, without thinning, as published.
-fn first_cloud(
-    accumulate: Accumulate,
-    scan: &PointCloud,
-    reference: &[Point3<f64>],
-    grid_size: f64,
-    tolerance: f64,
-) -> (PointCloud, f64) {
-    match accumulate {
-        Accumulate::Measured => {
-            accumulate.add(&PointCloud { points: vec![], normals: vec![] }, scan, reference, grid_size, tolerance)
-        }
-        Accumulate::Matched => {
-            let matched = matched_surface(scan, reference, tolerance);
-            let covered = matched.len() as f64 / reference.len().max(1) as f64;
-            (matched, covered)
-        }
-    }
-}
-
-/// The surface samples averaged in voxels of the grid size: what coverage is a share of.
-pub fn reference_surface(samples: &[Point3<f64>], grid_size: f64, accumulate: Accumulate) -> Vec<Point3<f64>> {
-    let cloud = PointCloud { points: samples.to_vec(), normals: Vec::new() };
-    cloud.voxel_downsample(grid_size, accumulate.voxel_origin()).points
 }
 
 /// The first view: camera on the upper half of a sphere around the origin, polar angle uniform in [0, 90) degrees,

@@ -7,9 +7,10 @@ use formats::shard::SCHEMA_VERSION;
 use formats::{
     CloudPrecision, Fate, FormatError, Manifest, ObjectRecord, Sample, ShardMetadata, ShardReader, ShardWriter, Split,
 };
+use geometry::View;
 use geometry::density::densities;
-use geometry::{CandidateView, View};
 use nalgebra::Point3;
+use planning::CandidateView;
 use std::path::{Path, PathBuf};
 
 /// Neighbours of the density at a candidate's target (method, 'Network input and output').

@@ -14,9 +14,13 @@ pub mod search;
 #[cfg(test)]
 mod testing;
 pub mod verify;
+mod world;
 
 pub use config::DatagenConfig;
-pub use episode::{Accumulate, Decision, End, Episode, EpisodeConfig, VoidEpisode, run_episode, run_episode_with};
+pub use episode::{
+    Decision, End, Episode, EpisodeConfig, EpisodeError, EpisodeEvidence, Progress, VoidEpisode, run_episode,
+    run_episode_with, run_session,
+};
 pub use noise::NoiseConfig;
 pub use pose_error::PoseErrorConfig;
 pub use scene::{RenderConfig, RenderScratch, Renderer, Scene};

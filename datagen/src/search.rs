@@ -1,16 +1,17 @@
 //! The model-based search BENBV: every candidate view is scanned in the simulator and scored.
 
-use crate::episode::{Accumulate, EpisodeConfig, reference_surface};
+use crate::episode::EpisodeConfig;
 use crate::scene::{RenderConfig, RenderScratch, Scene};
-use geometry::candidates::candidate_views_among;
 use geometry::cloud::Voxels;
 use geometry::coverage::share_within;
 use geometry::neighbors::GrowingNeighborhoods;
-use geometry::{
-    CandidateConfig, CandidateView, NeighborGrid, PinholeCamera, Planner, PointCloud, RankedView, ScanState, View,
-    ViewScore, score_view,
-};
+use geometry::{NeighborGrid, PinholeCamera, PointCloud, View, ViewScore, score_view};
 use nalgebra::Point3;
+use planning::Accumulate;
+use planning::accumulate::reference_surface;
+use planning::candidates::candidate_views_among;
+use planning::planner::checked;
+use planning::{CandidateConfig, CandidateView, PlanError, Planner, RankedView, ScanState};
 use rand_chacha::ChaCha8Rng;
 
 /// Settings of the search.
@@ -88,7 +89,7 @@ impl Planner for SearchPlanner<'_> {
         "benbv"
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         if self.reference.is_empty() || self.grid_size != state.grid_size {
             self.reference = reference_surface(self.samples, state.grid_size, self.config.accumulate);
             self.grid_size = state.grid_size;
@@ -101,7 +102,7 @@ impl Planner for SearchPlanner<'_> {
         let (current_coverage, scores) =
             score_views_among(self.scene, &self.reference, state, &grid, &views, &self.config);
         self.last = ScoredViews { candidates, scores, current_coverage };
-        self.last.ranked()
+        checked("benbv", self.last.ranked(), PlanError::NoBoundary)
     }
 
     fn reset(&mut self) {
@@ -137,7 +138,7 @@ const SHIFTED: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0
 
 /// Coverage before the scan, and what each view would bring. `reference` is the voxel-averaged surface.
 ///
-/// With [`Accumulate::Measured`] the coverage after a view is that of the cloud and the raw scan together, which is
+/// With [`Accumulate::Averaged`] the coverage after a view is that of the cloud and the raw scan together, which is
 /// 0.1 to 0.2 points above that of the voxel-averaged cloud; with [`Accumulate::Matched`] the scan is merged and
 /// averaged for every view, as published.
 pub fn score_views(
@@ -163,18 +164,20 @@ fn score_views_among(
     let tolerance = state.tolerance;
     let total = reference.len().max(1) as f64;
     let uncovered: Vec<Point3<f64>> = match config.accumulate {
-        Accumulate::Measured => reference.iter().copied().filter(|p| !grid.any_within(p, tolerance)).collect(),
+        Accumulate::Thinned | Accumulate::Averaged => {
+            reference.iter().copied().filter(|p| !grid.any_within(p, tolerance)).collect()
+        }
         Accumulate::Matched => Vec::new(),
     };
     let current = match config.accumulate {
-        Accumulate::Measured => 1.0 - uncovered.len() as f64 / total,
+        Accumulate::Thinned | Accumulate::Averaged => 1.0 - uncovered.len() as f64 / total,
         Accumulate::Matched => state.cloud.len() as f64 / total,
     };
     let uncovered_grid = NeighborGrid::new(&uncovered, 2.0 * tolerance);
     let mut newly_covered = vec![0; uncovered.len()];
     let mut images = 0;
     let matched = match config.accumulate {
-        Accumulate::Measured => Vec::new(),
+        Accumulate::Thinned | Accumulate::Averaged => Vec::new(),
         Accumulate::Matched => matched_indices(reference, &state.cloud.points),
     };
     let mut merged = state.cloud.points.clone();
@@ -193,7 +196,7 @@ fn score_views_among(
         }
         let overlap = share_within(&scan.points, grid, tolerance);
         let coverage = match config.accumulate {
-            Accumulate::Measured => {
+            Accumulate::Thinned | Accumulate::Averaged => {
                 let mut gained = 0;
                 for p in &scan.points {
                     uncovered_grid.for_each_within(p, tolerance, |j| {

@@ -6,13 +6,14 @@
 
 use anyhow::Context;
 use clap::Parser;
-use datagen::episode::reference_surface;
 use datagen::{EpisodeConfig, Scene, SearchConfig, procedural, run_episode, score_views};
 use evaluate::learned::{Decision, FEATURES, Labelled, Learned, features};
+use geometry::View;
 use geometry::rng::stream;
 use geometry::sampling::sample_surface;
-use geometry::{CandidateConfig, Planner, RankedView, ScanState, View, VolumetricPlanner};
 use nalgebra::Point3;
+use planning::accumulate::reference_surface;
+use planning::{CandidateConfig, PlanError, Planner, RankedView, ScanState, VolumetricPlanner};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -61,7 +62,7 @@ impl Planner for Recorder<'_> {
         "recorder"
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let forecasts = self.inner.forecast(state, rng);
         if self.reference.is_empty() {
             self.reference = reference_surface(self.samples, state.grid_size, self.search.accumulate);
@@ -79,7 +80,7 @@ impl Planner for Recorder<'_> {
             let any = rng.gen_range(0..ranked.len());
             ranked.swap(0, any);
         }
-        ranked
+        Ok(ranked)
     }
 }
 

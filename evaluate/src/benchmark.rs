@@ -8,9 +8,9 @@ use crate::objects::Object;
 use crate::policies::table::AboveTable;
 use crate::policies::{BoxedPlanner, PolicyContext, PolicyError, make, weights_of};
 use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
-use datagen::{Decision, Episode, VoidEpisode, run_episode_with};
-use geometry::Planner;
+use datagen::{Decision, Episode, EpisodeError, run_episode_with};
 use geometry::rng::stream;
+use planning::Planner;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -44,14 +44,14 @@ pub fn planner<'a>(
 /// One episode. Policies given the same object and number start from the same view.
 ///
 /// # Errors
-/// No usable first view.
+/// No usable first view, or a policy that fails.
 pub fn episode(
     object: &Object,
     planner: &mut (dyn Planner + Send + '_),
     number: usize,
     config: &EvaluateConfig,
     observe: impl FnMut(&Decision),
-) -> Result<Episode, VoidEpisode> {
+) -> Result<Episode, EpisodeError> {
     let mut rng = stream(config.seed, &format!("episode/{}/{number}", object.name));
     let mut observe = observe;
     run_episode_with(&object.scene, &object.samples, planner, &config.episode, &mut rng, |_, decision| {
@@ -132,7 +132,7 @@ fn run_one(
             timing: Timing { episode_s: clock.seconds(), decisions_s: outcome.decision_seconds.clone() },
             record: EpisodeRecord { weights, ..EpisodeRecord::new(key, &outcome) },
         },
-        Err(void) => Entry::Skipped(Skipped { key, reason: void.to_string() }),
+        Err(error) => Entry::Skipped(Skipped { key, reason: error.to_string() }),
     })
 }
 

@@ -3,7 +3,7 @@
 use crate::policies::see::SeeConfig;
 use datagen::EpisodeConfig;
 use datagen::dataset::{DatasetConfig, DatasetName};
-use geometry::{CandidateConfig, VolumetricConfig};
+use planning::{CandidateConfig, VolumetricConfig};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

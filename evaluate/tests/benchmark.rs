@@ -12,8 +12,9 @@ use evaluate::policies::weights_of;
 use evaluate::policies::{PolicyContext, make};
 use evaluate::record::{EpisodeKey, EpisodeRecord};
 use evaluate::report;
-use geometry::{Mesh, Planner, RankedView, ScanState, View};
+use geometry::{Mesh, View};
 use nalgebra::Point3;
+use planning::{PlanError, Planner, RankedView, ScanState};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -61,9 +62,10 @@ impl Planner for StayPlanner {
         "stay"
     }
 
-    fn rank_views(&mut self, state: &ScanState, _rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, _rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let position = Point3::from(state.scans[0].world_from_camera.translation.vector);
-        vec![RankedView { view: View { target: Point3::origin(), position }, score: 0.0, gain: None, overlap: None }]
+        let view = View { target: Point3::origin(), position };
+        Ok(vec![RankedView { view, score: 0.0, gain: None, overlap: None }])
     }
 }
 

@@ -14,8 +14,9 @@ pub use read::ShardReader;
 pub use write::ShardWriter;
 
 use crate::ObjectRecord;
-use geometry::{CandidateView, Observation, PointCloud};
+use geometry::PointCloud;
 use nalgebra::Isometry3;
+use planning::{CandidateView, Observation};
 use serde::{Deserialize, Serialize};
 
 /// Version of the layout above.

@@ -18,7 +18,7 @@ pub fn densities(points: &[Point3<f64>], targets: &[Point3<f64>], neighbors: usi
 }
 
 /// Density from the sum of the distances to `count` neighbours; 0 without any.
-pub(crate) fn density_from(distance_sum: f64, count: usize) -> f64 {
+pub fn density_from(distance_sum: f64, count: usize) -> f64 {
     if count == 0 { 0.0 } else { 1.0 / (distance_sum / count as f64 + 1e-6) }
 }
 

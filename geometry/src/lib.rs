@@ -7,7 +7,6 @@
 
 pub mod boundary;
 pub mod camera;
-pub mod candidates;
 pub mod cloud;
 pub mod cluster;
 pub mod coverage;
@@ -19,21 +18,16 @@ pub mod metrics;
 pub mod neighbors;
 pub mod normals;
 pub mod orientation;
-pub mod planner;
 pub mod rng;
 pub mod sampling;
 pub mod view;
-pub mod volumetric;
 
 pub use boundary::{BoundaryConfig, boundary_among, boundary_points};
 pub use camera::{DepthImage, PinholeCamera};
-pub use candidates::{Angles, CandidateConfig, candidate_views, candidate_views_among};
 pub use cloud::{PointCloud, VoxelOrigin};
 pub use coverage::{ViewScore, coverage, overlap, score_view};
 pub use mesh::Mesh;
 pub use neighbors::{NeighborGrid, Neighborhoods, mean_spacing, mean_spacing_among};
 pub use normals::{estimate_normals, normals_of, orient_normals_along, orient_normals_toward};
 pub use orientation::{orient_normals_among, orient_normals_consistent};
-pub use planner::{CandidateView, Misses, Observation, PastScan, Planner, RankedView, ScanState, Seen};
 pub use view::View;
-pub use volumetric::{Forecasts, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace};

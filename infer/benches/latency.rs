@@ -5,8 +5,8 @@
 #![allow(missing_docs)]
 
 use geometry::{PointCloud, rng};
-use infer::{InferConfig, Network, PlannerName, Scan, Session};
 use nalgebra::{Point3, Vector3};
+use planning::{Network, PlannerName, Scan, Session, SessionConfig};
 use rand::Rng;
 use std::time::Instant;
 
@@ -45,7 +45,7 @@ fn main() {
         for count in [5_000, 10_000, 300_000] {
             let points = cloud(count);
             let from = Some(Point3::new(0.0, 0.0, 1.2));
-            let config = InferConfig { planner, ..Default::default() };
+            let config = SessionConfig { planner, ..Default::default() };
             let inputs: Vec<_> = (0..9).map(|_| points.clone()).collect();
             let cpu = cpu_seconds();
             let mut times: Vec<f64> = inputs

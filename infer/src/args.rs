@@ -2,8 +2,8 @@
 
 use crate::request::Unit;
 use clap::Parser;
-use geometry::Misses;
-use infer::PlannerName;
+use planning::Misses;
+use planning::PlannerName;
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::PathBuf;

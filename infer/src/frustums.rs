@@ -3,8 +3,8 @@
 use formats::FormatError;
 use formats::cloud::{ColoredPoint, write_ply_scene};
 use geometry::{BoundaryConfig, PinholeCamera, boundary_points};
-use infer::{Answer, Session};
 use nalgebra::Point3;
+use planning::{Answer, Session};
 use std::path::Path;
 
 /// Writes the cloud (grey, boundary orange), the candidates' frustums (violet to green by score, grey where ruled

@@ -4,9 +4,10 @@ use crate::request::{Unit, rigid_from};
 use anyhow::{Context, Result, bail};
 use formats::cloud::{CloudFile, Grid, parse_cloud, read_cloud};
 use formats::depth::{parse_depth, read_depth};
-use geometry::{DepthImage, Misses, PinholeCamera};
-use infer::Scan;
+use geometry::{DepthImage, PinholeCamera};
 use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector2};
+use planning::Misses;
+use planning::Scan;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -14,8 +14,8 @@ use anyhow::{Context, Result, bail};
 use args::Args;
 use formats::Flag;
 use infer::report::{ReportInput, report_html};
-use infer::{Answer, InferConfig, Scan, Session};
 use nalgebra::{Isometry3, Point3, Vector3};
+use planning::{Answer, Scan, Session, SessionConfig};
 use service::{Limits, Service};
 use std::io::Write;
 use std::path::Path;
@@ -68,7 +68,7 @@ fn run(args: &Args) -> Result<ExitCode> {
 }
 
 /// Defaults, then the file, then --set, then flags.
-fn settings(args: &Args) -> Result<InferConfig> {
+fn settings(args: &Args) -> Result<SessionConfig> {
     let distance = args.distance.as_deref().map(args::distances).transpose().map_err(anyhow::Error::msg)?;
     let (fixed, range) = match distance {
         Some((low, high)) if low == high => (Some(low), None),
@@ -85,7 +85,7 @@ fn settings(args: &Args) -> Result<InferConfig> {
         Flag::given("--seed", "seed", args.seed.map(i64::try_from).transpose().context("--seed")?),
     ];
     let flags: Vec<Flag> = flags.into_iter().flatten().collect();
-    let mut config: InferConfig = formats::config::load(args.config.as_deref(), &args.set, &flags)?;
+    let mut config: SessionConfig = formats::config::load(args.config.as_deref(), &args.set, &flags)?;
     if fixed.is_some() {
         config.working_distance_range_m = None;
     }

@@ -1,12 +1,12 @@
 //! The answer as one self-contained page: cloud, boundary, candidates coloured by score, the chosen view, to be
 //! turned with the mouse (WebGL 1 by hand; no library, nothing loaded from elsewhere).
 
-use crate::answer::Answer;
-use crate::pose::Pose;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use geometry::{BoundaryConfig, PinholeCamera, PointCloud, boundary_points};
 use nalgebra::{Isometry3, Point3};
+use planning::Answer;
+use planning::pose::Pose;
 use serde_json::json;
 
 const PAGE: &str = include_str!("report.html");
@@ -162,12 +162,12 @@ fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{InferConfig, PlannerName, Scan, Session};
+    use planning::{PlannerName, Scan, Session, SessionConfig};
 
     #[test]
     fn a_hostile_title_stays_text_and_nothing_is_loaded() {
         let points = (0..900).map(|i| Point3::new(f64::from(i % 30) * 0.004, f64::from(i / 30) * 0.004, 0.0)).collect();
-        let config = InferConfig { planner: PlannerName::Farthest, ..Default::default() };
+        let config = SessionConfig { planner: PlannerName::Farthest, ..Default::default() };
         let mut session = Session::new(config, None).expect("defaults");
         let scan =
             Scan::Cloud { cloud: PointCloud { points, normals: Vec::new() }, from: Some(Point3::new(0.0, 0.0, 1.0)) };
@@ -175,9 +175,10 @@ mod tests {
         let mut answer = session.next_view().expect("an answer");
         let hostile = "</script><script>alert(1)</script>{{data}}\"'&";
         answer.warnings.push(hostile.to_owned());
-        answer.candidates[1]
-            .objections
-            .push(crate::constraints::Objection { constraint: crate::Constraint::Floor, reason: hostile.to_owned() });
+        answer.candidates[1].objections.push(planning::constraints::Objection {
+            constraint: planning::Constraint::Floor,
+            reason: hostile.to_owned(),
+        });
         let input = ReportInput {
             title: hostile,
             cloud: session.cloud(),

@@ -4,9 +4,10 @@ use crate::load;
 use crate::service::Refusal;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use geometry::{Misses, PinholeCamera, PointCloud};
-use infer::{InferConfig, Scan};
+use geometry::{PinholeCamera, PointCloud};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use planning::Misses;
+use planning::{Scan, SessionConfig};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -41,7 +42,7 @@ pub struct CreateRequest {
 
 impl CreateRequest {
     /// The settings laid over `base`.
-    pub fn over(self, base: &InferConfig) -> Result<InferConfig, Refusal> {
+    pub fn over(self, base: &SessionConfig) -> Result<SessionConfig, Refusal> {
         let Some(changes) = self.config else { return Ok(base.clone()) };
         let wrong = |e: serde_json::Error| Refusal::new(400, "bad_config", format!("config: {e}"));
         let mut merged = serde_json::to_value(base).map_err(wrong)?;
@@ -119,7 +120,7 @@ pub struct DepthRequest {
 
 impl ScanRequest {
     /// The scan.
-    pub fn into_scan(self, config: &InferConfig, may_read_files: bool) -> Result<Scan, Refusal> {
+    pub fn into_scan(self, config: &SessionConfig, may_read_files: bool) -> Result<Scan, Refusal> {
         let bad = |message: &str| Refusal::new(400, "bad_scan", message);
         let given = [
             self.points.is_some(),
@@ -184,7 +185,7 @@ fn decode_points(text: &str) -> Result<Vec<[f64; 3]>, String> {
 }
 
 impl DepthRequest {
-    fn into_scan(self, config: &InferConfig) -> Result<Scan, Refusal> {
+    fn into_scan(self, config: &SessionConfig) -> Result<Scan, Refusal> {
         let bad = |message: String| Refusal::new(400, "bad_depth", message);
         let decode = |key: &str, text: &str| STANDARD.decode(text).map_err(|e| bad(format!("{key}: {e}")));
         let image = match (&self.png_base64, &self.npy_base64) {

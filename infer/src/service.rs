@@ -1,7 +1,8 @@
 //! What the service answers, whatever the way a request came: sessions by name, each with a planner's memory.
 
 use crate::request::{CreateRequest, NextRequest, ScanRequest};
-use infer::{InferConfig, Network, Session, SessionError};
+use planning::session::Request;
+use planning::{Network, Session, SessionConfig, SessionError};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -59,7 +60,8 @@ impl From<SessionError> for Refusal {
             SessionError::Config(_) => "bad_config",
             SessionError::Choose(_) => "planner_unusable",
             SessionError::NoScan => "no_scan",
-            SessionError::TooFewPoints(_) => "too_few_points",
+            SessionError::TooFewPoints { .. } => "too_few_points",
+            SessionError::Plan(_) => "planner_failed",
             SessionError::NoCurrentPosition => "no_current_position",
         };
         let status = if code == "bad_config" { 400 } else { 422 };
@@ -119,7 +121,7 @@ struct Entry {
 
 /// All sessions.
 pub struct Service {
-    config: InferConfig,
+    config: SessionConfig,
     network: Option<Network>,
     limits: Limits,
     sessions: Mutex<(u64, BTreeMap<u64, Arc<Entry>>)>,
@@ -132,7 +134,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Service {
     /// No session yet; each new one starts with `config`.
-    pub fn new(config: InferConfig, network: Option<Network>, limits: Limits) -> Self {
+    pub fn new(config: SessionConfig, network: Option<Network>, limits: Limits) -> Self {
         Self { config, network, limits, sessions: Mutex::default() }
     }
 
@@ -226,14 +228,11 @@ impl Service {
 }
 
 fn next_view(session: &mut Session, request: NextRequest) -> Result<Value, Refusal> {
-    if request.current_position_m.is_some() || request.config.is_some() {
-        let mut config = CreateRequest { config: request.config }.over(session.config())?;
-        if let Some(position) = request.current_position_m {
-            config.constraints.current_position_m = Some(position);
-        }
+    if request.config.is_some() {
+        let config = CreateRequest { config: request.config }.over(session.config())?;
         session.configure(config)?;
     }
-    let answer = session.next_view()?;
+    let answer = session.next_view_for(&Request { current_position_m: request.current_position_m })?;
     serde_json::to_value(answer).map_err(|e| Refusal::new(500, "internal", e.to_string()))
 }
 

@@ -3,14 +3,15 @@
 use crate::args::Args;
 use crate::load::{DEPTH_UNIT, PoseFile};
 use anyhow::{Context, Result, bail};
-use datagen::{RenderConfig, Scene};
+use datagen::episode::ImageConfig;
+use datagen::{End, EpisodeConfig, Progress, RenderConfig, Scene};
 use formats::mesh::read_mesh;
 use geometry::sampling::poisson_disk_sample;
-use geometry::{Mesh, Misses, PinholeCamera, PointCloud, View, coverage, overlap, rng};
-use infer::pose::Pose;
-use infer::{Answer, Scan, Session};
-use nalgebra::{Isometry3, Point3, Vector3};
-use rand::Rng;
+use geometry::{Mesh, PinholeCamera, PointCloud, View, rng};
+use nalgebra::{Isometry3, Point3};
+use planning::pose::Pose;
+use planning::{Answer, Candidate, PlanError, RankedView, Session};
+use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::path::Path;
 
@@ -53,79 +54,86 @@ pub struct Outcome {
 }
 
 /// Scans the object until `views` next views are done, none is left, or none is worth it. Shows each step.
-pub fn run(object: &str, args: &Args, mut session: Session, mut show: impl FnMut(&Step)) -> Result<Outcome> {
+pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&Step)) -> Result<Outcome> {
     let mesh = object_mesh(object)?.normalized(DIAGONAL);
-    let seed = session.config().seed;
+    let settings = session.config();
+    let seed = settings.seed;
     let samples = poisson_disk_sample(&mesh, SURFACE_SAMPLES, &mut rng::stream(seed, "infer/surface"));
     let scene = Scene::new(mesh);
-    let camera = session.config().camera.camera();
-    let tolerance = session.config().tolerance_m;
-    let distance = session.config().working_distances()[0];
-    let mut measured: Vec<Point3<f64>> = Vec::new();
-    let mut outcome = Vec::new();
-    let mut poses = Vec::new();
-    let mut view = first_view(distance, seed);
-    let mut expected: Option<Answer> = None;
-    let mut world_from_camera = view.world_from_camera();
-    let mut covered = 0.0;
-    let ended;
-    let last = loop {
-        let depth = scene.depth_image(&camera, &world_from_camera, &RenderConfig::default());
-        let points = depth.to_points(&camera, &world_from_camera);
-        if measured.is_empty() && points.len() < infer::scan::MIN_POINTS {
-            bail!(
-                "{object}: the first view hits the object with {} pixels only; try a smaller --distance",
-                points.len()
-            );
-        }
-        let overlap = if measured.is_empty() { None } else { overlap(&points, &measured, tolerance) };
-        measured.extend_from_slice(&points);
-        let before = covered;
-        covered = coverage(&measured, &samples, tolerance);
+    let camera = &settings.camera;
+    if camera.intrinsics.is_some() {
+        bail!("camera.intrinsics: the simulator takes camera.fov_y_deg and square pixels");
+    }
+    let episode = EpisodeConfig {
+        image: ImageConfig { width: camera.width, height: camera.height, fov_y_deg: camera.fov_y_deg },
+        working_distance_m: settings.working_distances()[0],
+        tolerance_m: settings.tolerance_m,
+        num_views: args.views,
+        accumulate: settings.accumulate,
+        min_first_points: settings.min_points,
+        ..EpisodeConfig::default()
+    };
+    let mut steps: Vec<Step> = Vec::new();
+    let mut answers: Vec<Answer> = Vec::new();
+    let mut failed = None;
+    let mut step = |view: &View, coverage: f64, overlap: Option<f64>, expected: Option<&Answer>| {
         let step = Step {
-            views: poses.len() + 1,
-            world_from_camera: Pose::from(&world_from_camera),
-            coverage: covered,
+            views: steps.len() + 1,
+            world_from_camera: Pose::from(&view.world_from_camera()),
+            coverage,
             overlap,
-            expected_gain: expected.as_ref().map(|a| a.stop.expected_gain),
-            gain: covered - before,
-            planner: expected.as_ref().map(|a| a.planner.clone()),
+            expected_gain: expected.map(|a| a.stop.expected_gain),
+            gain: coverage - steps.last().map_or(0.0, |s: &Step| s.coverage),
+            planner: expected.map(|a| a.planner.clone()),
         };
         show(&step);
-        outcome.push(step);
-        poses.push(world_from_camera);
-        // The simulator's misses are true free space.
-        match session.add_scan(Scan::Depth { camera, depth, world_from_camera, misses: Misses::Free }) {
-            Ok(_) | Err(infer::SessionError::TooFewPoints(_)) => {}
-            Err(error) => return Err(error.into()),
-        }
-        let answer = session.next_view()?;
-        let Some(next) = answer.next.clone() else {
-            ended = format!("no view is left: {}", answer.no_view_reason());
-            break answer;
-        };
-        if answer.stop.stop {
-            ended = format!("the next view is expected to add {:.2} % only", 100.0 * answer.stop.expected_gain);
-            break answer;
-        }
-        if poses.len() > args.views {
-            ended = format!("{} next views were taken", args.views);
-            break answer;
-        }
-        view = View { target: Point3::from(next.target_m), position: Point3::from(next.position_m) };
-        let config = session.config();
-        world_from_camera = infer::pose::world_from_camera(&view, &config.pose, &config.constraints.up());
-        expected = Some(answer);
+        steps.push(step);
     };
-    Ok(Outcome { session, last, steps: outcome, poses, ended })
+    let decide = |session: &mut Session, progress: &Progress, _: &mut ChaCha8Rng| {
+        step(progress.view, progress.coverage, progress.overlap, answers.last());
+        let answer = session.next_view().map_err(|error| {
+            let plan = PlanError::failed("auto", error.to_string());
+            failed = Some(error);
+            plan
+        })?;
+        let allowed = answer.candidates.iter().filter(|c| c.objections.is_empty());
+        let mut ranked: Vec<RankedView> = allowed.map(ranked).collect();
+        if answer.stop.stop {
+            ranked.clear();
+        }
+        answers.push(answer);
+        Ok(ranked)
+    };
+    let mut stream = rng::stream(seed, "infer/episode");
+    let outcome = datagen::run_session(&scene, &samples, session, &episode, &mut stream, decide);
+    let (episode, mut session) = match (outcome, failed) {
+        (Ok(outcome), _) => outcome,
+        (Err(_), Some(error)) => return Err(error.into()),
+        (Err(error), None) => return Err(anyhow::Error::new(error).context(object.to_owned())),
+    };
+    let (last, ended) = match episode.end {
+        End::NoView => {
+            let last = answers.pop().context("no view was decided")?;
+            let ended = match &last.next {
+                None => format!("no view is left: {}", last.no_view_reason()),
+                Some(_) => format!("the next view is expected to add {:.2} % only", 100.0 * last.stop.expected_gain),
+            };
+            (last, ended)
+        }
+        _ => {
+            let (view, coverage) = (episode.views[episode.views.len() - 1], episode.final_coverage());
+            step(&view, coverage, episode.overlaps.last().copied().flatten(), answers.last());
+            (session.next_view()?, format!("{} next views were taken", args.views))
+        }
+    };
+    let poses = episode.views.iter().map(View::world_from_camera).collect();
+    Ok(Outcome { session, last, steps, poses, ended })
 }
 
-/// The first camera, on the upper half of the sphere of this radius, looking at the origin (method, 'Setting').
-fn first_view(distance: f64, seed: u64) -> View {
-    let mut rng = rng::stream(seed, "infer/first-view");
-    let (polar, azimuth) = (rng.gen_range(0.0..90f64).to_radians(), rng.gen_range(0.0..360f64).to_radians());
-    let direction = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
-    View { target: Point3::origin(), position: Point3::from(distance * direction) }
+fn ranked(candidate: &Candidate) -> RankedView {
+    let view = View { target: Point3::from(candidate.target_m), position: Point3::from(candidate.position_m) };
+    let (gain, overlap) = (candidate.expected_gain, candidate.expected_overlap);
+    RankedView { view, score: candidate.score, gain, overlap }
 }
 
 /// A mesh file, or `procedural:SEED`.

@@ -1,9 +1,9 @@
 //! Weights of `benbv-net`: bundled, or from a checkpoint directory.
 
 use anyhow::{Context, Result};
-use infer::Network;
 use model::NetPlanner;
 use model::net_planner::NetPlannerConfig;
+use planning::Network;
 use std::path::Path;
 
 /// The network of `--weights`; without it the bundled one.

@@ -1,8 +1,8 @@
 //! The session: what a user relies on, whatever planner decides.
 
 use geometry::{NeighborGrid, PointCloud, rng};
-use infer::{Answer, Constraint, Evidence, InferConfig, PlannerName, Scan, Session, SessionError};
 use nalgebra::{Isometry3, Point3, Vector3};
+use planning::{Answer, Constraint, Evidence, PlannerName, Scan, Session, SessionConfig, SessionError};
 use rand::Rng;
 
 /// Random points of a bumpy ball of radius 0.1 that a camera at +z of it can see.
@@ -27,7 +27,7 @@ fn scan(points: Vec<Point3<f64>>, from: Option<Point3<f64>>) -> Scan {
     Scan::Cloud { cloud: PointCloud { points, normals: Vec::new() }, from }
 }
 
-fn ask(config: InferConfig, scans: Vec<Scan>) -> Result<Answer, SessionError> {
+fn ask(config: SessionConfig, scans: Vec<Scan>) -> Result<Answer, SessionError> {
     let mut session = Session::new(config, None)?;
     for scan in scans {
         session.add_scan(scan)?;
@@ -35,8 +35,8 @@ fn ask(config: InferConfig, scans: Vec<Scan>) -> Result<Answer, SessionError> {
     session.next_view()
 }
 
-fn farthest() -> InferConfig {
-    InferConfig { planner: PlannerName::Farthest, ..Default::default() }
+fn farthest() -> SessionConfig {
+    SessionConfig { planner: PlannerName::Farthest, ..Default::default() }
 }
 
 fn positions(answer: &Answer) -> Vec<Point3<f64>> {
@@ -52,8 +52,8 @@ fn assert_moves_with(
     planner: PlannerName,
 ) {
     let place = |p: &Point3<f64>| Point3::from((motion * p).coords * scale);
-    let config = InferConfig { planner, ..Default::default() };
-    let moved_config = InferConfig { working_distance_m: 1.2 * scale, tolerance_m: 0.002 * scale, ..config.clone() };
+    let config = SessionConfig { planner, ..Default::default() };
+    let moved_config = SessionConfig { working_distance_m: 1.2 * scale, tolerance_m: 0.002 * scale, ..config.clone() };
     let points = cap(count);
     let moved = points.iter().map(place).collect();
     let original = ask(config, vec![scan(points, from)]).expect("an answer");
@@ -85,10 +85,10 @@ fn answers_repeat() {
 #[test]
 fn undo_and_reset_lead_back() {
     lead_back(farthest());
-    lead_back(InferConfig { planner: PlannerName::Volumetric, ..Default::default() });
+    lead_back(SessionConfig { planner: PlannerName::Volumetric, ..Default::default() });
 }
 
-fn lead_back(config: InferConfig) {
+fn lead_back(config: SessionConfig) {
     let mut session = Session::new(config, None).expect("default settings");
     session.add_scan(scan(cap(3_000), Some(camera()))).expect("a scan");
     let before = session.next_view().expect("an answer");
@@ -110,7 +110,7 @@ fn the_neighbours_known_are_those_of_the_cloud() {
     let mut session = Session::new(farthest(), None).expect("defaults");
     let check = |session: &Session| {
         let points = &session.state().cloud.points;
-        let known = session.state().near.as_ref().expect("known");
+        let known = session.state().neighborhoods(30);
         let found = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 30);
         assert_eq!((known.len(), known.k()), (found.len(), found.k()));
         assert!((0..points.len()).all(|i| known.ids(i) == found.ids(i)));
@@ -127,7 +127,7 @@ fn the_neighbours_known_are_those_of_the_cloud() {
 
 #[test]
 fn known_cameras_let_auto_carve() {
-    let auto = |scans| ask(InferConfig::default(), scans).expect("an answer");
+    let auto = |scans| ask(SessionConfig::default(), scans).expect("an answer");
     let with = auto(vec![scan(cap(3_000), Some(camera()))]);
     assert_eq!((with.planner.as_str(), with.evidence), ("volumetric", Evidence::CameraPositions), "carves");
     assert!(with.planner_reason.contains("camera positions"), "{}", with.planner_reason);
@@ -138,7 +138,7 @@ fn known_cameras_let_auto_carve() {
     assert!(next.expected_gain.is_some_and(|g| g > 0.05) && next.expected_overlap.is_some(), "{next:?}");
     let half = auto(vec![scan(cap(3_000), Some(camera())), scan(cap(2_000), None)]);
     assert_eq!((half.planner.as_str(), half.evidence), ("farthest", Evidence::Clouds), "one camera is unknown");
-    let volumetric = InferConfig { planner: PlannerName::Volumetric, ..Default::default() };
+    let volumetric = SessionConfig { planner: PlannerName::Volumetric, ..Default::default() };
     let error = ask(volumetric, vec![scan(cap(3_000), None)]).expect_err("no camera").to_string();
     assert!(error.contains("--from"), "{error}");
 }
@@ -172,7 +172,7 @@ fn awkward_clouds_work_or_say_why_not() {
 fn sizes_and_distances_that_look_wrong_are_warned_of() {
     let warned = |scale: f64, distance: f64| {
         let points = cap(3_000).iter().map(|p| p * scale).collect();
-        let config = InferConfig { working_distance_m: distance, ..farthest() };
+        let config = SessionConfig { working_distance_m: distance, ..farthest() };
         ask(config, vec![scan(points, Some(camera() * scale))]).expect("an answer").warnings.join("\n")
     };
     assert_eq!(warned(1.0, 1.2), "", "the paper's setting is fine");
@@ -191,7 +191,7 @@ fn each_constraint_changes_the_answer() {
     let best = free.next.clone().expect("a next view");
     let p = best.position_m;
     let [x, y, z] = p;
-    let set = |change: &dyn Fn(&mut InferConfig)| {
+    let set = |change: &dyn Fn(&mut SessionConfig)| {
         let mut config = farthest();
         change(&mut config);
         ask(config, vec![scan(cap(3_000), Some(camera()))]).expect("an answer")
@@ -272,7 +272,7 @@ fn travel_needs_to_know_from_where() {
 #[test]
 fn scanning_stops_where_the_next_view_is_not_worth_it() {
     let stops = |stop_below| {
-        let config = InferConfig { stop_below, ..farthest() };
+        let config = SessionConfig { stop_below, ..farthest() };
         ask(config, vec![scan(cap(3_000), Some(camera()))]).expect("an answer").stop.stop
     };
     assert!(!stops(0.0) && !stops(0.05), "after one scan a view adds much");

@@ -5,8 +5,8 @@
 
 use crate::benbv::NetInput;
 use burn::tensor::{Device, Tensor, TensorData};
-use geometry::Observation;
 use nalgebra::{Rotation3, Vector3};
+use planning::Observation;
 use rand::Rng;
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
@@ -313,8 +313,9 @@ fn as_f32(v: &Vector3<f64>) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::{CandidateView, PointCloud, View, rng::stream};
+    use geometry::{PointCloud, View, rng::stream};
     use nalgebra::Point3;
+    use planning::CandidateView;
 
     fn cloud(count: usize) -> PointCloud {
         let points = (0..count).map(|i| Point3::new(i as f64, 2.0 * i as f64, 5.0)).collect();

@@ -1,7 +1,7 @@
 //! The networks of next-best-view planning: BENBV-Net and its rival PC-NBV, as burn modules.
 //!
 //! The way from a cloud to a score: [`encode`] makes [`NetInput`] from observations (the only way to tensors),
-//! [`BenbvNet`] scores it, [`NetPlanner`] puts both behind [`geometry::Planner`]. [`checkpoint`] keeps weights
+//! [`BenbvNet`] scores it, [`NetPlanner`] puts both behind [`planning::Planner`]. [`checkpoint`] keeps weights
 //! with all that is needed to use them; [`published`] speaks the names and layouts of PyTorch.
 //!
 //! In shapes: `B` batch, `N` cloud points, `K` candidates, `C` channels.

@@ -7,7 +7,10 @@ use crate::device::{self, DeviceError};
 use crate::encode::{self, EncodeConfig, EncodeError, Fill};
 use burn::module::Module;
 use burn::tensor::Device;
-use geometry::{CandidateConfig, CandidateView, Observation, Planner, RankedView, ScanState, candidate_views_among};
+use planning::planner::checked;
+use planning::{
+    CandidateConfig, CandidateView, Observation, PlanError, Planner, RankedView, ScanState, candidate_views_among,
+};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -46,7 +49,6 @@ pub struct NetPlanner {
     info: Checkpoint<BenbvNetConfig>,
     config: NetPlannerConfig,
     device: Device,
-    last_error: Option<EncodeError>,
 }
 
 /// The weights that every program carries (`weights/benbv-net`), a safetensors file.
@@ -76,7 +78,7 @@ impl NetPlanner {
     pub fn new(net: BenbvNet, info: Checkpoint<BenbvNetConfig>, config: NetPlannerConfig) -> Self {
         let net = net.valid();
         let device = net.devices().into_iter().next().unwrap_or_else(Device::flex).inner();
-        Self { net, info, config, device, last_error: None }
+        Self { net, info, config, device }
     }
 
     /// What the checkpoint says of the weights.
@@ -87,11 +89,6 @@ impl NetPlanner {
     /// Settings.
     pub fn config(&self) -> &NetPlannerConfig {
         &self.config
-    }
-
-    /// Why the last ranking was empty, where the observation could not be encoded.
-    pub fn last_error(&self) -> Option<&EncodeError> {
-        self.last_error.as_ref()
     }
 
     /// Scores of the observation's candidates, in their order, each in (0, 1).
@@ -143,29 +140,24 @@ impl Planner for NetPlanner {
         "benbv-net"
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let config = &self.config.candidates;
         let near = state.neighborhoods(config.boundary.neighbors);
         let candidates = candidate_views_among(&state.cloud, &near, state.working_distance, config, rng);
-        self.last_error = None;
         if candidates.is_empty() {
-            return Vec::new();
+            return Err(PlanError::NoBoundary);
         }
-        match self.rank(&candidates, state, rng) {
-            Ok(ranked) => ranked,
-            Err(error) => {
-                self.last_error = Some(error);
-                Vec::new()
-            }
-        }
+        let ranked = self.rank(&candidates, state, rng).map_err(|e| PlanError::failed("benbv-net", e.to_string()))?;
+        checked("benbv-net", ranked, PlanError::failed("benbv-net", "the network scored no candidate"))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::{PointCloud, candidate_views, rng::stream};
+    use geometry::{PointCloud, rng::stream};
     use nalgebra::{Point3, Vector3};
+    use planning::candidate_views;
 
     /// A bumpy open sheet of 600 points, seen from above.
     fn state() -> ScanState {
@@ -189,7 +181,7 @@ mod tests {
     #[test]
     fn ranks_candidates_best_first_and_repeats() {
         let mut planner = planner(EncodeConfig { points: 128, ..EncodeConfig::default() });
-        let rank = |planner: &mut NetPlanner| planner.rank_views(&state(), &mut stream(1, "test"));
+        let rank = |planner: &mut NetPlanner| planner.rank_views(&state(), &mut stream(1, "test")).expect("views");
         let ranked = rank(&mut planner);
         assert!(ranked.len() > 3, "the sheet has a boundary: {}", ranked.len());
         assert!(ranked.windows(2).all(|w| w[0].score >= w[1].score));
@@ -198,15 +190,37 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_rank_is_an_empty_answer_with_a_reason() {
+    fn what_cannot_be_ranked_is_an_error_that_says_why() {
         let mut planner = planner(EncodeConfig::default());
-        assert!(planner.rank_views(&ScanState::default(), &mut stream(1, "test")).is_empty());
+        let nothing = planner.rank_views(&ScanState::default(), &mut stream(1, "test"));
+        assert_eq!(nothing, Err(PlanError::NoBoundary));
         let state = state();
         let candidates = candidate_views(&state.cloud, 0.5, &CandidateConfig::default(), &mut stream(1, "t"));
         let mut broken = state;
         broken.cloud.points[7].x = f64::NAN;
         let error = planner.rank(&candidates, &broken, &mut stream(1, "t")).unwrap_err();
         assert_eq!(error.to_string(), "point 7 is not finite; remove such points first");
+    }
+
+    #[test]
+    fn a_network_that_answers_nan_fails_and_is_not_at_its_end() {
+        let mut planner = planner(EncodeConfig { points: 128, ..EncodeConfig::default() });
+        planner.net = planner.net.clone().map(&mut Poison);
+        let error = planner.rank_views(&state(), &mut stream(1, "test")).expect_err("NaN");
+        assert!(!error.is_end(), "{error}");
+        assert_eq!(error.to_string(), "planner benbv-net failed: a view was scored NaN");
+    }
+
+    /// Every weight becomes NaN.
+    struct Poison;
+
+    impl burn::module::ModuleMapper for Poison {
+        fn map_float<const D: usize>(
+            &mut self,
+            param: burn::module::Param<burn::tensor::Tensor<D>>,
+        ) -> burn::module::Param<burn::tensor::Tensor<D>> {
+            param.map(|weights| weights * f32::NAN)
+        }
     }
 
     #[test]

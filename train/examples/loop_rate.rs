@@ -10,8 +10,9 @@
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams};
 use formats::{CloudPrecision, Fate, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
-use geometry::{CandidateView, PointCloud, View, rng::stream};
+use geometry::{PointCloud, View, rng::stream};
 use nalgebra::{Point3, Vector3};
+use planning::CandidateView;
 use rand::Rng;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,8 +1,9 @@
 //! Augmentation: what a decision could as well have looked like. Scores stay as they are, since they do not
 //! change with a rigid motion or the unit of length.
 
-use geometry::{CandidateView, PointCloud, View};
+use geometry::{PointCloud, View};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use planning::CandidateView;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 

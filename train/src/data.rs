@@ -3,9 +3,9 @@
 use crate::TrainError;
 use formats::frame_history::Frame;
 use formats::{Fate, Manifest, Sample, ShardReader, Split};
-use geometry::CandidateView;
 use geometry::density::densities;
 use geometry::rng::stream;
+use planning::CandidateView;
 use rand::seq::SliceRandom;
 use std::path::{Path, PathBuf};
 

@@ -3,9 +3,9 @@
 use crate::config::EpisodesConfig;
 use crate::task::Episodes;
 use datagen::{EpisodeConfig, Scene, procedural, run_episode};
-use geometry::Planner;
 use geometry::rng::stream;
 use geometry::sampling::sample_surface;
+use planning::Planner;
 use rayon::prelude::*;
 
 /// Family of the objects, apart from those that data sets are made of: a data set's seed is its user's, this one is

@@ -1,10 +1,11 @@
 //! Targets for PC-NBV from our simulator (PC-NBV notes, section 7): every object is scanned once from each view of the
 //! fixed set; episodes are then unions of what those scans cover.
 
-use datagen::episode::reference_surface;
-use datagen::{Accumulate, RenderConfig, Scene};
+use datagen::{RenderConfig, Scene};
 use geometry::{NeighborGrid, PinholeCamera, View, mean_spacing};
 use nalgebra::Point3;
+use planning::Accumulate;
+use planning::accumulate::reference_surface;
 use rand::Rng;
 use rand::seq::SliceRandom;
 
@@ -48,7 +49,7 @@ impl ObjectViews {
             })
             .collect();
         let grid_size = mean_spacing(scans.iter().find(|s| s.len() > 1)?);
-        let surface = reference_surface(samples, grid_size, Accumulate::Measured);
+        let surface = reference_surface(samples, grid_size, Accumulate::Averaged);
         let covered = scans.iter().map(|scan| {
             let grid = NeighborGrid::new(scan, 2.0 * tolerance);
             BitSet::from_fn(surface.len(), |i| grid.any_within(&surface[i], tolerance))

@@ -11,8 +11,9 @@ impl Planner for Fixed {
         "fixed"
     }
 
-    fn rank_views(&mut self, _: &ScanState, _: &mut ChaCha8Rng) -> Vec<RankedView> {
-        self.0.iter().map(|&view| RankedView { view, score: 0.0, gain: None, overlap: None }).collect()
+    fn rank_views(&mut self, _: &ScanState, _: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+        let ranked = |&view: &View| RankedView { view, score: 0.0, gain: None, overlap: None };
+        Ok(self.0.iter().map(ranked).collect())
     }
 }
 
@@ -116,6 +117,7 @@ fn an_object_that_is_not_seen_is_void_and_says_so() {
         &mut stream(5, "episode"),
     )
     .unwrap_err();
+    let EpisodeError::Void(void) = void else { panic!("{void}") };
     assert_eq!(void.draws, 4);
     assert!(void.to_string().contains("wanted 50"), "{void}");
     assert!(

@@ -88,5 +88,6 @@ fn degenerate_views_score_as_empty_scans() {
     let (current, scores) = score_views(&scene, &samples, &state, &[nowhere], &config);
     assert_eq!((current, scores[0].coverage, scores[0].overlap), (0.0, 0.0, None));
     let mut planner = SearchPlanner::new(&scene, &samples, config);
-    assert!(planner.rank_views(&state, &mut stream(2, "search")).is_empty(), "no cloud, no boundary, no view");
+    let none = planner.rank_views(&state, &mut stream(2, "search"));
+    assert_eq!(none, Err(PlanError::NoBoundary), "no cloud, no boundary, no view");
 }

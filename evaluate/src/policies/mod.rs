@@ -1,6 +1,5 @@
 //! The policies that planning is measured against, by their names on the command line: one file each.
 
-pub mod farthest;
 pub mod oracle;
 #[cfg(feature = "networks")]
 pub mod pc_nbv;
@@ -16,12 +15,13 @@ use crate::config::EvaluateConfig;
 use crate::learned::Learned;
 use crate::networks::Networks;
 use datagen::{Scene, SearchConfig, SearchPlanner};
-use farthest::{FarthestAmong, FarthestPlanner};
 use formats::config::digest;
-use geometry::candidates::Angles;
-use geometry::{CandidateConfig, Planner, RankedView, ScanState, View, VolumetricPlanner};
+use geometry::View;
 use nalgebra::Point3;
 use oracle::{OracleAmong, OraclePlanner};
+use planning::candidates::Angles;
+use planning::planners::farthest::{Distance, FarthestPlanner};
+use planning::{CandidateConfig, Planner, RankedView, ScanState, VolumetricPlanner};
 use random_boundary::RandomBoundaryPlanner;
 use random_sphere::RandomSpherePlanner;
 use random_u_sphere::RandomSetPlanner;
@@ -242,10 +242,16 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
             Box::new(RefinedPlanner::new(policy, config.volumetric.clone(), source, replaced))
         }
         ("farthest", Some(v)) if v.parse::<usize>().is_ok() => {
-            Box::new(FarthestPlanner::new(policy, FarthestAmong::Candidates(candidates(variant, 60)?)))
+            let among = candidates(variant, 60)?;
+            Box::new(FarthestPlanner::among_candidates(policy, among, Some(Point3::origin())))
         }
         ("farthest", _) => {
-            Box::new(FarthestPlanner::new(policy, FarthestAmong::Sphere(sphere::fibonacci(DENSE), radius(variant)?)))
+            let distance = match radius(variant)? {
+                Radius::Working => Distance::Beyond(0.0),
+                Radius::Paper => Distance::Beyond(PAPER_OFFSET),
+                Radius::Fixed(r) => Distance::Fixed(r),
+            };
+            Box::new(FarthestPlanner::on_sphere(policy, sphere::fibonacci(DENSE), distance, Point3::origin()))
         }
         ("see", None) => Box::new(SeePlanner::new(policy, config.see.clone())),
         ("see", Some("r010")) => Box::new(SeePlanner::new(policy, SeeConfig::fixed())),

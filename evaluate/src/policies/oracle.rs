@@ -3,10 +3,12 @@
 
 use super::sphere::view_at;
 use super::{Radius, ranked};
-use datagen::episode::reference_surface;
 use datagen::{Scene, SearchConfig, score_views};
-use geometry::{CandidateConfig, Planner, RankedView, ScanState, View, candidate_views};
+use geometry::View;
 use nalgebra::{Point3, Vector3};
+use planning::accumulate::reference_surface;
+use planning::planner::checked;
+use planning::{CandidateConfig, PlanError, Planner, RankedView, ScanState, candidate_views};
 use rand_chacha::ChaCha8Rng;
 
 /// The views that an oracle chooses from.
@@ -48,7 +50,7 @@ impl Planner for OraclePlanner<'_> {
         &self.name
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         if self.reference.is_empty() {
             self.reference = reference_surface(self.samples, state.grid_size, self.search.accumulate);
         }
@@ -72,7 +74,7 @@ impl Planner for OraclePlanner<'_> {
             .collect();
         let overlaps = |r: &RankedView| r.overlap.unwrap_or(0.0) >= self.min_overlap;
         list.sort_by(|a, b| overlaps(b).cmp(&overlaps(a)).then(b.score.total_cmp(&a.score)));
-        list
+        checked(&self.name, list, PlanError::NoBoundary)
     }
 
     fn reset(&mut self) {

@@ -2,10 +2,11 @@
 
 use super::sphere::{nearest_direction, pc_nbv_33, view_at};
 use super::{Radius, ranked};
-use geometry::{Planner, RankedView, ScanState};
 use model::pc_nbv::VIEWS;
 use model::pc_nbv_model::PcNbvModel;
 use nalgebra::{Point3, Vector3};
+use planning::planner::checked;
+use planning::{PlanError, Planner, RankedView, ScanState};
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
@@ -50,7 +51,7 @@ impl Planner for PcNbvPlanner {
     }
 
     /// Empty when every view was used, or the cloud is too small for the network.
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         for scan in state.scans.iter().skip(self.marked) {
             let position = Point3::from(scan.world_from_camera.translation.vector);
             if let Some(i) = nearest_direction(&self.directions, &position) {
@@ -58,7 +59,10 @@ impl Planner for PcNbvPlanner {
             }
         }
         self.marked = state.scans.len();
-        let Ok(gains) = self.network.predict(&self.input(state, rng), &self.state) else { return Vec::new() };
+        let gains = self
+            .network
+            .predict(&self.input(state, rng), &self.state)
+            .map_err(|e| PlanError::failed(&self.name, e.to_string()))?;
         let radius = self.radius.metres(state);
         let mut views: Vec<RankedView> = (0..VIEWS)
             .filter(|&i| self.published || self.state[i] == 0.0)
@@ -68,7 +72,7 @@ impl Planner for PcNbvPlanner {
             })
             .collect();
         views.sort_by(|a, b| b.score.total_cmp(&a.score));
-        views
+        checked(&self.name, views, PlanError::no_view(&self.name, "all 33 views were used"))
     }
 
     fn reset(&mut self) {

@@ -1,7 +1,8 @@
 //! Random Boundary: one of BENBV's candidate views, at random (baselines.md, section 4).
 
 use super::ranked;
-use geometry::{CandidateConfig, Planner, RankedView, ScanState, candidate_views};
+use planning::planner::checked;
+use planning::{CandidateConfig, PlanError, Planner, RankedView, ScanState, candidate_views};
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
@@ -23,9 +24,10 @@ impl Planner for RandomBoundaryPlanner {
     }
 
     /// Empty if the cloud has no boundary.
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let mut candidates = candidate_views(&state.cloud, state.working_distance, &self.candidates, rng);
         candidates.shuffle(rng);
-        candidates.into_iter().map(|c| ranked(c.view, 0.0)).collect()
+        let views = candidates.into_iter().map(|c| ranked(c.view, 0.0)).collect();
+        checked("random-boundary", views, PlanError::NoBoundary)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::ranked;
 use super::sphere::{direction_deg, view_at};
-use geometry::{Planner, RankedView, ScanState};
+use planning::{PlanError, Planner, RankedView, ScanState};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -27,13 +27,14 @@ impl Planner for RandomSpherePlanner {
         &self.name
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let radius = self.radius.metres(state);
-        (0..DRAWS)
+        let views = (0..DRAWS)
             .map(|_| {
                 let (polar, azimuth) = (rng.gen_range(0..180), rng.gen_range(0..360));
                 ranked(view_at(&direction_deg(f64::from(polar), f64::from(azimuth)), radius), 0.0)
             })
-            .collect()
+            .collect();
+        Ok(views)
     }
 }

@@ -3,8 +3,9 @@
 
 use super::sphere::{nearest_direction, view_at};
 use super::{Radius, ranked};
-use geometry::{Planner, RankedView, ScanState};
 use nalgebra::{Point3, Vector3};
+use planning::planner::checked;
+use planning::{PlanError, Planner, RankedView, ScanState};
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
@@ -31,7 +32,7 @@ impl Planner for RandomSetPlanner {
     }
 
     /// Empty once every view was used.
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         for scan in state.scans.iter().skip(self.marked) {
             let position = Point3::from(scan.world_from_camera.translation.vector);
             if let Some(i) = nearest_direction(&self.directions, &position) {
@@ -42,7 +43,8 @@ impl Planner for RandomSetPlanner {
         let mut unused: Vec<usize> = (0..self.directions.len()).filter(|&i| !self.used[i]).collect();
         unused.shuffle(rng);
         let radius = self.radius.metres(state);
-        unused.into_iter().map(|i| ranked(view_at(&self.directions[i], radius), 0.0)).collect()
+        let views = unused.into_iter().map(|i| ranked(view_at(&self.directions[i], radius), 0.0)).collect();
+        checked(&self.name, views, PlanError::no_view(&self.name, "every view of the set was used"))
     }
 
     fn reset(&mut self) {

@@ -2,10 +2,12 @@
 //! win, and with learned ones.
 
 use crate::learned::{Learned, features};
-use datagen::episode::reference_surface;
 use datagen::{Scene, SearchConfig, score_views};
-use geometry::{Forecasts, Planner, RankedView, ScanState, View, VolumetricConfig, VolumetricPlanner};
+use geometry::View;
 use nalgebra::Point3;
+use planning::accumulate::reference_surface;
+use planning::planner::checked;
+use planning::{Forecasts, PlanError, Planner, RankedView, ScanState, VolumetricConfig, VolumetricPlanner};
 use rand_chacha::ChaCha8Rng;
 
 /// Which forecasts are replaced.
@@ -72,14 +74,14 @@ impl Planner for RefinedPlanner<'_> {
         &self.name
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let mut forecasts = self.inner.forecast(state, rng);
         let others = self.others(state, &forecasts);
         for (f, (gain, overlap)) in forecasts.views.iter_mut().zip(others) {
             (f.gain, f.told_gain) = if self.replaced.gain { (gain, gain) } else { (f.gain, f.told_gain) };
             f.overlap = if self.replaced.overlap { overlap } else { f.overlap };
         }
-        self.inner.rank(&forecasts)
+        checked(&self.name, self.inner.rank(&forecasts), PlanError::NoBoundary)
     }
 
     fn reset(&mut self) {
@@ -93,9 +95,9 @@ mod tests {
     use super::*;
     use crate::learned::{Decision, FEATURES, Labelled};
     use datagen::{EpisodeConfig, procedural, run_episode};
-    use geometry::CandidateConfig;
     use geometry::rng::stream;
     use geometry::sampling::sample_surface;
+    use planning::CandidateConfig;
 
     /// Runs two decisions with the inner planner's own choice and hands the state of the second to `look`.
     struct Probe<F: FnMut(&ScanState)>(VolumetricPlanner, F);
@@ -105,7 +107,7 @@ mod tests {
             "probe"
         }
 
-        fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+        fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
             (self.1)(state);
             self.0.rank_views(state, rng)
         }
@@ -125,9 +127,10 @@ mod tests {
             let rank = |source, gain, overlap| {
                 let replaced = Replaced { gain, overlap };
                 let mut planner = RefinedPlanner::new("test", VolumetricConfig::default(), source, replaced);
-                planner.rank_views(state, &mut stream(1, "test/refined/rank"))
+                planner.rank_views(state, &mut stream(1, "test/refined/rank")).expect("views")
             };
-            let own = VolumetricPlanner::default().rank_views(state, &mut stream(1, "test/refined/rank"));
+            let own =
+                VolumetricPlanner::default().rank_views(state, &mut stream(1, "test/refined/rank")).expect("views");
             assert_eq!(rank(truth(), false, false), own, "nothing replaced");
             assert_ne!(rank(Source::Learned(constant.clone()), true, true), own);
             let refined = rank(truth(), true, true);

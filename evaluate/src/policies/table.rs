@@ -1,6 +1,7 @@
 //! An object on a table: nothing is reachable below the table's top, whatever the policy prefers.
 
-use geometry::{Planner, RankedView, ScanState};
+use planning::planner::checked;
+use planning::{PlanError, Planner, RankedView, ScanState};
 use rand_chacha::ChaCha8Rng;
 
 /// Passes over views whose camera stands below a height.
@@ -21,10 +22,11 @@ impl Planner for AboveTable<'_> {
         self.inner.name()
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
-        let mut views = self.inner.rank_views(state, rng);
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+        let mut views = self.inner.rank_views(state, rng)?;
         views.retain(|r| r.view.position.z >= self.least_z);
-        views
+        let none = PlanError::no_view(self.name(), "all of its views stand below the table's top");
+        checked(self.name(), views, none)
     }
 
     fn reset(&mut self) {

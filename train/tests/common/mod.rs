@@ -3,8 +3,9 @@
 
 use formats::{CloudPrecision, Fate, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
 use geometry::rng::stream;
-use geometry::{CandidateView, PointCloud, View};
+use geometry::{PointCloud, View};
 use nalgebra::{Point3, Vector3};
+use planning::CandidateView;
 use rand::Rng;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};

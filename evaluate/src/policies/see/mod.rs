@@ -16,9 +16,11 @@ mod visibility;
 
 pub use params::SeeConfig;
 
-use geometry::{PastScan, Planner, RankedView, ScanState, Seen, View};
+use geometry::View;
 use nalgebra::Point3;
 use params::SeeParams;
+use planning::planner::checked;
+use planning::{PastScan, PlanError, Planner, RankedView, ScanState, Seen};
 use rand_chacha::ChaCha8Rng;
 use state::Surface;
 
@@ -120,11 +122,15 @@ impl Planner for SeePlanner {
         &self.name
     }
 
-    fn rank_views(&mut self, state: &ScanState, _rng: &mut ChaCha8Rng) -> Vec<RankedView> {
-        match self.drive {
+    fn rank_views(&mut self, state: &ScanState, _rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+        if state.scans.is_empty() {
+            return Err(PlanError::lacks(&self.name, "the camera of no scan is known"));
+        }
+        let views = match self.drive {
             Drive::Correct => self.rank_correct(state),
             Drive::Paper => self.rank_paper(state),
-        }
+        };
+        checked(&self.name, views, PlanError::no_view(&self.name, "no frontier is left"))
     }
 
     fn reset(&mut self) {

@@ -112,7 +112,7 @@ fn state(points: Vec<Point3<f64>>, camera: Point3<f64>) -> ScanState {
     let view = View { target: Point3::origin(), position: camera };
     ScanState {
         cloud: PointCloud { points: points.clone(), normals: Vec::new() },
-        scans: vec![PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points) }],
+        scans: vec![PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points) }.into()],
         num_scans: 1,
         grid_size: 0.0023,
         working_distance: 1.2,
@@ -125,7 +125,7 @@ fn state(points: Vec<Point3<f64>>, camera: Point3<f64>) -> ScanState {
 fn the_tuned_planner_looks_past_the_edge_and_repeats_itself_exactly() {
     let cap = state(seen_from_above(), Point3::new(0.0, 0.0, 1.2));
     let mut rng = geometry::rng::stream(0, "unused");
-    let run = |rng: &mut ChaCha8Rng| SeePlanner::new("see", SeeConfig::default()).rank_views(&cap, rng);
+    let run = |rng: &mut ChaCha8Rng| SeePlanner::new("see", SeeConfig::default()).rank_views(&cap, rng).expect("views");
     let first = run(&mut rng);
     assert_eq!(first, run(&mut rng));
     let view = first.first().expect("a proposal").view;
@@ -139,7 +139,8 @@ fn unknown_poses_mean_no_answer() {
     let mut unposed = state(ball(8_000, |p| p.z > 0.0), Point3::new(0.0, 0.0, 1.2));
     unposed.scans.clear();
     let mut rng = geometry::rng::stream(0, "unused");
-    assert!(SeePlanner::new("see", SeeConfig::default()).rank_views(&unposed, &mut rng).is_empty());
+    let error = SeePlanner::new("see", SeeConfig::default()).rank_views(&unposed, &mut rng).expect_err("no camera");
+    assert!(matches!(&error, PlanError::Lacks { .. }) && !error.is_end(), "{error}");
 }
 
 #[test]
@@ -147,7 +148,7 @@ fn the_published_drive_looks_from_behind_first() {
     // The "sensor" at the centre turns all normals inwards.
     let cap = state(seen_from_above(), Point3::new(0.0, 0.0, 1.2));
     let mut rng = geometry::rng::stream(0, "unused");
-    let view = SeePlanner::paper().rank_views(&cap, &mut rng)[0].view;
+    let view = SeePlanner::paper().rank_views(&cap, &mut rng).expect("a view")[0].view;
     let frontier = view.target - 0.3 * view.direction();
     assert!(
         frontier.coords.dot(&view.direction()) < -0.03,
@@ -164,6 +165,6 @@ fn the_published_drive_looks_from_behind_first() {
 fn the_published_drive_repeats_and_starts_degenerate_without_frontiers() {
     let full = state(ball(40_000, |_| true), Point3::new(0.0, 0.0, 1.2));
     let mut rng = geometry::rng::stream(0, "unused");
-    let view = SeePlanner::paper().rank_views(&full, &mut rng)[0].view;
+    let view = SeePlanner::paper().rank_views(&full, &mut rng).expect("a view")[0].view;
     assert_eq!(view.target, view.position, "no frontier ever: the zeroed proposal");
 }

@@ -4,7 +4,8 @@
 //! bounds test.
 
 use super::membrane::Membrane;
-use crate::{DepthImage, Misses, PastScan, PinholeCamera, PointCloud, Seen};
+use crate::{Misses, PastScan, Seen};
+use geometry::{DepthImage, PinholeCamera, PointCloud};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Voxels along an axis are this many at most: 2 million voxels, 20 MB.

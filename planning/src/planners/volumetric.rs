@@ -8,15 +8,18 @@ mod predict;
 mod tiles;
 
 use crate::candidates::candidate_views_among;
-use crate::coverage::overlap_response;
+use crate::planner::checked;
 use crate::{
-    Angles, CandidateConfig, CandidateView, Misses, PastScan, PinholeCamera, Planner, RankedView, ScanState, Seen, View,
+    Angles, CandidateConfig, CandidateView, Misses, PastScan, PlanError, Planner, RankedView, ScanState, Seen,
 };
+use geometry::coverage::overlap_response;
+use geometry::{PinholeCamera, View};
 use grid::VoxelGrid;
 use march::Marcher;
 use nalgebra::{Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// A cube in which the object stands.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -98,7 +101,7 @@ pub struct Forecasts {
 pub struct VolumetricPlanner {
     config: VolumetricConfig,
     grid: Option<VoxelGrid>,
-    carved: usize,
+    carved: Vec<Arc<PastScan>>,
     coverage: f64,
 }
 
@@ -106,6 +109,11 @@ impl VolumetricPlanner {
     /// A planner that has seen nothing yet.
     pub fn new(config: VolumetricConfig) -> Self {
         Self { config, ..Self::default() }
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &VolumetricConfig {
+        &self.config
     }
 
     /// Share of the whole surface that was estimated to be measured at the last decision.
@@ -136,18 +144,17 @@ impl VolumetricPlanner {
     /// The grid with all scans in it.
     fn carved_grid(&mut self, state: &ScanState) -> VoxelGrid {
         let bounded = self.config.workspace.is_some();
-        let kept = self
-            .grid
-            .take()
-            .filter(|grid| self.carved <= state.scans.len() && (bounded || grid.holds(&state.cloud.points)));
+        let same = |(old, new): (&Arc<PastScan>, &Arc<PastScan>)| Arc::ptr_eq(old, new);
+        let goes_on = self.carved.len() <= state.scans.len() && self.carved.iter().zip(&state.scans).all(same);
+        let kept = self.grid.take().filter(|grid| goes_on && (bounded || grid.holds(&state.cloud.points)));
         let mut grid = kept.unwrap_or_else(|| {
-            self.carved = 0;
+            self.carved.clear();
             self.new_grid(state)
         });
-        for scan in &state.scans[self.carved..] {
+        for scan in &state.scans[self.carved.len()..] {
             grid.carve(scan);
+            self.carved.push(Arc::clone(scan));
         }
-        self.carved = state.scans.len();
         grid
     }
 
@@ -217,7 +224,7 @@ fn ray_stride(camera: &PinholeCamera, distance: f64, voxel: f64) -> u32 {
 }
 
 /// Angle at the target between a view and the nearest past camera, in half turns.
-fn novelty(view: &View, scans: &[PastScan]) -> f64 {
+fn novelty(view: &View, scans: &[Arc<PastScan>]) -> f64 {
     let direction = |eye: Point3<f64>| (eye - view.target).try_normalize(0.0).unwrap_or_default();
     let own = direction(view.position);
     let past = scans.iter().map(|s| direction(s.world_from_camera.translation.vector.into()).dot(&own));
@@ -229,14 +236,18 @@ impl Planner for VolumetricPlanner {
         "volumetric"
     }
 
-    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+        if state.scans.is_empty() || state.scans.len() < state.num_scans {
+            let (known, all) = (state.scans.len(), state.num_scans);
+            return Err(PlanError::lacks("volumetric", format!("the cameras of {known} of {all} scans are known")));
+        }
         let forecasts = self.forecast(state, rng);
-        self.rank(&forecasts)
+        checked("volumetric", self.rank(&forecasts), PlanError::NoBoundary)
     }
 
     fn reset(&mut self) {
         self.grid = None;
-        self.carved = 0;
+        self.carved.clear();
     }
 }
 

@@ -1,12 +1,43 @@
 //! Candidate views at the boundary of a cloud (method, 'Boundary and candidate views').
 
-use crate::boundary::{BoundaryConfig, boundary_among};
-use crate::cluster::{nearest_neighbor_order, representatives};
-use crate::density::density_from;
-use crate::neighbors::{NeighborGrid, Neighborhoods};
-use crate::{CandidateView, PointCloud, View};
+use geometry::boundary::{BoundaryConfig, boundary_among};
+use geometry::cluster::{nearest_neighbor_order, representatives};
+use geometry::density::density_from;
+use geometry::neighbors::{NeighborGrid, Neighborhoods};
+use geometry::{PointCloud, View};
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 use rand_chacha::ChaCha8Rng;
+
+/// A candidate for the next view, made at a boundary point of the cloud (method, 'Boundary and candidate views').
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CandidateView {
+    /// Target (the boundary point) and camera position.
+    pub view: View,
+    /// Density at the target: 1 / (mean distance to 30 nearest neighbours + 1e-6), not yet divided by the
+    /// maximum over the candidates.
+    pub density: f64,
+}
+
+impl CandidateView {
+    /// Unit vector from the target to the camera.
+    pub fn direction(&self) -> Vector3<f64> {
+        self.view.direction()
+    }
+}
+
+/// Input of the network, before it becomes tensors: the accumulated cloud, the ordered candidates, and the
+/// number of scans done minus one.
+#[derive(Clone, Debug)]
+pub struct Observation<'a> {
+    /// The accumulated cloud with normals, not resampled.
+    pub cloud: &'a PointCloud,
+    /// Candidates in the order of the greedy traversal.
+    pub candidates: &'a [CandidateView],
+    /// Number of scans done minus one: 0 for the first decision.
+    pub view_order: usize,
+    /// Working distance in metres (the `cloud` normalisation scales it).
+    pub working_distance: f64,
+}
 
 /// Which of the tilts a target gets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -133,7 +164,7 @@ fn tilted(normal: &Vector3<f64>, outward: &Vector3<f64>, angle: f64, unit_axis: 
 mod tests {
     use super::*;
     use crate::golden::Golden;
-    use crate::rng::stream;
+    use geometry::rng::stream;
     use nalgebra::Isometry3;
 
     fn sheet() -> PointCloud {

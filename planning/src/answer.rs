@@ -1,7 +1,7 @@
 //! The answer: ranked candidates with poses, reasons and warnings, for people and for machines.
 
-use crate::choose::Evidence;
 use crate::constraints::{Exclusion, Objection};
+use crate::planners::auto::Evidence;
 use crate::pose::Pose;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;

@@ -3,8 +3,8 @@
 use super::grid::VoxelGrid;
 use super::march::{Hit, Marcher};
 use super::tiles::{TILE, Tiles};
-use crate::neighbors::Neighborhoods;
-use crate::{PinholeCamera, PointCloud, View};
+use geometry::neighbors::Neighborhoods;
+use geometry::{PinholeCamera, PointCloud, View};
 use nalgebra::Vector3;
 
 impl VoxelGrid {

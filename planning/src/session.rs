@@ -1,19 +1,20 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
+use crate::accumulate::reference_surface;
 use crate::answer::{Answer, Candidate, CloudSummary, Stop, length};
-use crate::choose::{ChooseError, Evidence, Network, Planners, choose};
-use crate::config::{ConfigError, InferConfig};
+use crate::config::{ConfigError, SessionConfig};
 use crate::constraints::{Surroundings, count_exclusions};
+use crate::planners::auto::{AutoPlanner, ChooseError, Network};
 use crate::pose::{Pose, world_from_camera};
-use crate::scan::{MIN_POINTS, PreparedScan, Scan, ScanReport, neighborhoods, prepare};
-use crate::{overlap, stop, thin};
-use geometry::{
-    BoundaryConfig, Neighborhoods, PointCloud, RankedView, ScanState, boundary_among, orient_normals_among, rng,
-};
+use crate::scan::{PreparedScan, Scan, ScanReport, neighborhoods, prepare};
+use crate::{Accumulate, Evidence, PlanError, Planner};
+use crate::{RankedView, ScanState, Seen};
+use crate::{accumulate, overlap, stop, thin};
+use geometry::{BoundaryConfig, PointCloud, boundary_among, orient_normals_among, rng};
 use nalgebra::Point3;
-use std::collections::BTreeSet;
+use std::sync::{Arc, OnceLock};
 
-/// Neighbours over which the sign of normals is carried where no camera is known (geometry, section 7).
+/// Neighbours over which the sign of normals is carried where no camera is known (10).
 const ORIENTATION_NEIGHBORS: usize = 10;
 
 /// Why no answer can be given.
@@ -29,8 +30,16 @@ pub enum SessionError {
     #[error("there is no scan yet: add one first")]
     NoScan,
     /// A scan with too few usable points.
-    #[error("too few points to plan on: {}, at least {MIN_POINTS} are needed", .0.describe())]
-    TooFewPoints(ScanReport),
+    #[error("too few points to plan on: {}, at least {least} are needed", report.describe())]
+    TooFewPoints {
+        /// What became of them.
+        report: ScanReport,
+        /// The setting `min_points`.
+        least: usize,
+    },
+    /// The planner has no view for a reason that is no end.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
     /// Travel is limited or weighed, from nowhere.
     #[error(
         "max_travel_m and travel_weight_per_m need the camera's position: set constraints.current_position_m, \
@@ -42,10 +51,18 @@ pub enum SessionError {
 /// The scans of one object so far, and the planners' memory of them.
 #[derive(Clone, Debug)]
 pub struct Session {
-    config: InferConfig,
-    planners: Planners,
+    config: SessionConfig,
+    planners: AutoPlanner,
     scans: Vec<PreparedScan>,
     state: ScanState,
+    truth: Option<Truth>,
+}
+
+/// Samples of the true surface, for [`Accumulate::Matched`] alone.
+#[derive(Clone, Debug)]
+struct Truth {
+    samples: Arc<[Point3<f64>]>,
+    reference: Vec<Point3<f64>>,
 }
 
 impl Session {
@@ -53,26 +70,50 @@ impl Session {
     ///
     /// # Errors
     /// A setting out of range.
-    pub fn new(config: InferConfig, network: Option<Network>) -> Result<Self, SessionError> {
+    pub fn new(config: SessionConfig, network: Option<Network>) -> Result<Self, SessionError> {
         config.check()?;
-        let planners = Planners::new(network, &config);
-        Ok(Self { config, planners, scans: Vec::new(), state: ScanState::default() })
+        let planners = AutoPlanner::new(network, &config);
+        Ok(Self { config, planners, scans: Vec::new(), state: ScanState::default(), truth: None })
+    }
+
+    /// A session whose cloud consists, as published, of the samples of the true surface that were matched so far: for
+    /// simulations of the publication only.
+    pub fn matching(config: SessionConfig, samples: Arc<[Point3<f64>]>) -> Self {
+        let config = SessionConfig { accumulate: Accumulate::Matched, ..config };
+        let planners = AutoPlanner::new(None, &config);
+        let truth = Some(Truth { samples, reference: Vec::new() });
+        Self { config, planners, scans: Vec::new(), state: ScanState::default(), truth }
+    }
+
+    /// A session without a network whose settings are the program's own and known to be in range.
+    pub fn unchecked(config: SessionConfig) -> Self {
+        let planners = AutoPlanner::new(None, &config);
+        Self { config, planners, scans: Vec::new(), state: ScanState::default(), truth: None }
     }
 
     /// The settings.
-    pub fn config(&self) -> &InferConfig {
+    pub fn config(&self) -> &SessionConfig {
         &self.config
     }
 
-    /// Changes the settings; the scans are kept as they were prepared.
+    /// Changes the settings; the scans are kept as they were prepared, and planners keep what they know where the
+    /// settings that it depends on stay.
     ///
     /// # Errors
     /// A setting out of range: the old ones stay.
-    pub fn configure(&mut self, config: InferConfig) -> Result<(), SessionError> {
+    pub fn configure(&mut self, config: SessionConfig) -> Result<(), SessionError> {
         config.check()?;
-        self.planners = Planners::new(self.planners.network.take(), &config);
+        self.planners.configure(&config);
+        let merge = |c: &SessionConfig| (c.accumulate, c.max_points, c.seed);
+        let merged_alike = merge(&self.config) == merge(&config);
         self.config = config;
-        self.rebuild(None);
+        if merged_alike {
+            self.state.working_distance = self.config.working_distance_m;
+            self.state.tolerance = self.config.tolerance_m;
+            self.state.camera = self.config.camera.camera();
+        } else {
+            self.rebuild();
+        }
         Ok(())
     }
 
@@ -81,18 +122,22 @@ impl Session {
     /// # Errors
     /// Too few usable points: the session stays as it was.
     pub fn add_scan(&mut self, scan: Scan) -> Result<ScanReport, SessionError> {
-        let (prepared, near) = prepare(scan, &self.config).map_err(SessionError::TooFewPoints)?;
+        let least = self.config.min_points;
+        let (prepared, near) =
+            prepare(scan, &self.config).map_err(|report| SessionError::TooFewPoints { report, least })?;
         let report = prepared.report.clone();
         self.scans.push(prepared);
-        self.rebuild(Some(near).filter(|_| self.scans.len() == 1));
+        self.take_in(self.scans.len() - 1);
+        if let Some(near) = near.filter(|near| self.scans.len() == 1 && near.len() == self.state.cloud.len()) {
+            self.state.near = near.into();
+        }
         Ok(report)
     }
 
     /// Takes the last scan back; false if there is none.
     pub fn undo(&mut self) -> bool {
         let had_one = self.scans.pop().is_some();
-        self.planners.reset();
-        self.rebuild(None);
+        self.rebuild();
         had_one
     }
 
@@ -100,7 +145,7 @@ impl Session {
     pub fn reset(&mut self) {
         self.scans.clear();
         self.planners.reset();
-        self.rebuild(None);
+        self.rebuild();
     }
 
     /// Number of scans.
@@ -110,13 +155,13 @@ impl Session {
 
     /// Memory that the scans and the neighbours of their points hold, roughly, in bytes.
     pub fn memory(&self) -> usize {
-        let depth = |scan: &Scan| match scan {
-            // Once here and once in the planners' state.
-            Scan::Depth { depth, .. } => 8 * depth.depth.len(),
-            Scan::Cloud { .. } => 0,
+        let seen = |scan: &PreparedScan| match scan.past.as_ref().map(|past| &past.seen) {
+            Some(Seen::Depth { depth, .. }) => 4 * depth.depth.len(),
+            Some(Seen::Points(points)) => 24 * points.len(),
+            None => 0,
         };
-        let near = self.state.near.as_ref().map_or(0, |near| 8 * near.k() * near.len());
-        near + self.scans.iter().map(|s| 96 * s.cloud.len() + depth(&s.scan)).sum::<usize>()
+        let near = self.state.near.get().map_or(0, |near| 8 * near.k() * near.len());
+        near + self.scans.iter().map(|s| 96 * s.cloud.len() + seen(s)).sum::<usize>()
     }
 
     /// The accumulated cloud that is planned on.
@@ -129,33 +174,48 @@ impl Session {
         &self.state
     }
 
-    /// The next view, with all candidates.
+    /// The averaged samples of the true surface ([`Session::matching`]); empty otherwise.
+    pub fn reference(&self) -> &[Point3<f64>] {
+        self.truth.as_ref().map_or(&[], |truth| &truth.reference)
+    }
+
+    /// The next view, with all candidates, where the camera may go by the settings.
     ///
     /// # Errors
-    /// No scan, a planner that cannot work with what is known, or travel limits without a current position.
+    /// No scan, a planner that cannot work with what is known or fails, or travel limits without a current position.
     pub fn next_view(&mut self) -> Result<Answer, SessionError> {
+        self.next_view_for(&Request::default())
+    }
+
+    /// [`Session::next_view`] for one request: what it says holds for this answer alone.
+    ///
+    /// # Errors
+    /// As [`Session::next_view`].
+    pub fn next_view_for(&mut self, request: &Request) -> Result<Answer, SessionError> {
         if self.scans.is_empty() {
             return Err(SessionError::NoScan);
         }
         let constraints = &self.config.constraints;
-        let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(|s| s.scan.camera_position()).collect();
-        let last = self.scans.last().and_then(|s| s.scan.camera_position());
-        let current = constraints.current_position_m.map(Point3::from).or(last);
+        let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(PreparedScan::camera_position).collect();
+        let last = self.scans.last().and_then(PreparedScan::camera_position);
+        let asked = request.current_position_m.or(constraints.current_position_m);
+        let current = asked.map(Point3::from).or(last);
         if constraints.needs_current_position() && current.is_none() {
             return Err(SessionError::NoCurrentPosition);
         }
-        let evidence = Evidence::of(&self.state);
-        let choice = choose(self.config.planner, evidence, self.planners.network.is_some())?;
-
-        let (config, num_scans, planners) = (&self.config, self.scans.len(), &mut self.planners);
+        let (config, num_scans) = (&self.config, self.scans.len());
+        let choice = self.planners.choose(&self.state)?;
         let state = &mut self.state;
         let mut ranked: Vec<(RankedView, f64)> = Vec::new();
         for distance in config.working_distances() {
             // One stream for all distances: the candidates differ by the distance alone.
             let mut rng = rng::stream(config.seed, &format!("infer/view/{num_scans}"));
             state.working_distance = distance;
-            let views = planners.rank(choice.planner, state, &mut rng);
-            ranked.extend(views.into_iter().map(|view| (view, distance)));
+            match self.planners.rank(choice.planner, state, &mut rng) {
+                Ok(views) => ranked.extend(views.into_iter().map(|view| (view, distance))),
+                Err(PlanError::NoBoundary) => {}
+                Err(error) => return Err(error.into()),
+            }
         }
         let boundary = BoundaryConfig::default();
         let near = state.neighborhoods(boundary.neighbors);
@@ -205,7 +265,7 @@ impl Session {
             stop,
             planner: choice.planner.as_str().to_owned(),
             planner_reason: choice.why,
-            evidence,
+            evidence: Evidence::of(&self.state),
             cloud: self.summary(boundary),
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
             warnings: self.warnings(next.as_ref(), &candidates),
@@ -281,40 +341,80 @@ impl Session {
         warnings
     }
 
-    /// The state from all scans; cheap, since each is thinned already. `near` are the neighbours in the cloud, where
-    /// that is known to be the only scan's.
-    fn rebuild(&mut self, near: Option<Neighborhoods>) {
-        let grid_size = self.scans.first().map_or(0.0, |scan| scan.spacing);
-        let mut cloud = PointCloud::default();
-        let mut unoriented = BTreeSet::new();
-        for scan in &self.scans {
-            if !scan.oriented {
-                unoriented.extend(cloud.len()..cloud.len() + scan.cloud.len());
-            }
-            cloud.points.extend_from_slice(&scan.cloud.points);
-            cloud.normals.extend_from_slice(&scan.cloud.normals);
+    /// The state from all scans anew.
+    fn rebuild(&mut self) {
+        self.state = ScanState::default();
+        match self.config.accumulate {
+            Accumulate::Thinned if self.scans.is_empty() => {}
+            Accumulate::Thinned => self.take_in(self.scans.len() - 1),
+            _ => (0..self.scans.len()).for_each(|i| self.take_in(i)),
         }
-        if self.scans.len() > 1 {
-            // As dense as voxel averaging with the grid size would leave it.
-            let radius =
-                (0.73 * grid_size).max(thin::radius_for(&cloud.points, self.config.max_points, self.config.seed));
-            let kept = thin::thin(&cloud.points, radius);
-            unoriented.retain(|i| kept.binary_search(i).is_ok());
-            cloud = thin::select(&cloud, &kept);
-        }
-        let near = near.unwrap_or_else(|| neighborhoods(&cloud.points));
-        if !unoriented.is_empty() {
-            orient_normals_among(&mut cloud, &near, ORIENTATION_NEIGHBORS);
-        }
+    }
+
+    /// The state with scan `index`, after those before it.
+    fn take_in(&mut self, index: usize) {
+        let config = &self.config;
+        let scans = &self.scans[..=index];
+        let grid_size = scans[0].spacing;
+        let (old, new) = (std::mem::take(&mut self.state.cloud), &scans[index].cloud);
+        let cloud = match config.accumulate {
+            Accumulate::Thinned => thinned(scans, grid_size, config),
+            Accumulate::Averaged if new.is_empty() => old,
+            Accumulate::Averaged => accumulate::averaged(&old, new, grid_size, config.accumulate.voxel_origin()),
+            Accumulate::Matched => match &mut self.truth {
+                Some(truth) => {
+                    if index == 0 {
+                        truth.reference = reference_surface(&truth.samples, grid_size, config.accumulate);
+                    }
+                    match new.is_empty() {
+                        true => old,
+                        false => accumulate::matched(&old, new, &truth.reference, grid_size, config.tolerance_m),
+                    }
+                }
+                None => old,
+            },
+        };
         self.state = ScanState {
             cloud,
-            scans: self.scans.iter().filter_map(PreparedScan::past_scan).collect(),
-            num_scans: self.scans.len(),
+            scans: scans.iter().filter_map(|scan| scan.past.clone()).collect(),
+            num_scans: scans.len(),
             grid_size,
-            working_distance: self.config.working_distance_m,
-            tolerance: self.config.tolerance_m,
-            camera: self.config.camera.camera(),
-            near: Some(near),
+            working_distance: config.working_distance_m,
+            tolerance: config.tolerance_m,
+            camera: config.camera.camera(),
+            near: OnceLock::new(),
         };
+        if scans.iter().any(|scan| !scan.oriented) {
+            orient(&mut self.state, scans);
+        }
     }
+}
+
+/// What one request says beside the settings.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Request {
+    /// Where the camera is now, world frame, metres; else as the settings say, else where the last scan was taken.
+    pub current_position_m: Option<[f64; 3]>,
+}
+
+/// The points of all scans, thinned.
+fn thinned(scans: &[PreparedScan], grid_size: f64, config: &SessionConfig) -> PointCloud {
+    let mut cloud = PointCloud::default();
+    for scan in scans {
+        cloud.points.extend_from_slice(&scan.cloud.points);
+        cloud.normals.extend_from_slice(&scan.cloud.normals);
+    }
+    if scans.len() == 1 {
+        return cloud;
+    }
+    let kept = accumulate::thinned(&cloud.points, grid_size, config.max_points, config.seed);
+    thin::select(&cloud, &kept)
+}
+
+/// Carries the sign of the normals from point to point where no camera gives it.
+fn orient(state: &mut ScanState, scans: &[PreparedScan]) {
+    let _ = scans;
+    let near = neighborhoods(&state.cloud.points);
+    orient_normals_among(&mut state.cloud, &near, ORIENTATION_NEIGHBORS);
+    state.near = near.into();
 }

@@ -1,10 +1,10 @@
 //! Which planner the evidence allows, and why.
 
-use crate::config::{InferConfig, PlannerName};
-use crate::farthest::FarthestPlanner;
-use geometry::{
-    Angles, CandidateConfig, Misses, Planner, RankedView, ScanState, Seen, VolumetricConfig, VolumetricPlanner,
-    Workspace,
+use crate::config::{PlannerName, SessionConfig};
+use crate::planners::farthest::FarthestPlanner;
+use crate::{
+    Angles, CandidateConfig, Misses, PlanError, Planner, RankedView, ScanState, Seen, VolumetricConfig,
+    VolumetricPlanner, Workspace,
 };
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -61,7 +61,7 @@ impl Network {
         Self { planner: Arc::new(Mutex::new(Box::new(planner))) }
     }
 
-    fn rank(&self, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    fn rank(&self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         // A planner that panicked once has no state to be wrong about: the next decision starts afresh.
         self.planner.lock().unwrap_or_else(PoisonError::into_inner).rank_views(state, rng)
     }
@@ -127,47 +127,100 @@ pub enum ChooseError {
     NoWeights,
 }
 
-/// The planners of one session.
+/// The policy `auto`: the planner asked for, or the best that the evidence allows. What a robot gets and what
+/// `evaluate` measures.
 #[derive(Clone, Debug)]
-pub(crate) struct Planners {
-    pub network: Option<Network>,
+pub struct AutoPlanner {
+    asked: PlannerName,
+    network: Option<Network>,
     farthest: FarthestPlanner,
     volumetric: VolumetricPlanner,
 }
 
-impl Planners {
-    pub fn new(network: Option<Network>, config: &InferConfig) -> Self {
-        let candidates = CandidateConfig { angles: Angles::All, ..Default::default() };
-        let workspace = config.region_m.map(|[low, high]| Workspace {
-            center_m: [0, 1, 2].map(|k| (low[k] + high[k]) / 2.0),
-            half_m: [0, 1, 2].map(|k| (high[k] - low[k]) / 2.0).into_iter().fold(0.0, f64::max),
-        });
-        let volumetric = VolumetricConfig { candidates: candidates.clone(), workspace, ..Default::default() };
-        Self { network, farthest: FarthestPlanner { candidates }, volumetric: VolumetricPlanner::new(volumetric) }
+impl AutoPlanner {
+    /// With these settings; without a network, the next best answers where it would.
+    pub fn new(network: Option<Network>, config: &SessionConfig) -> Self {
+        let volumetric = volumetric_config(config);
+        let farthest = FarthestPlanner::among_candidates("farthest", volumetric.candidates.clone(), None);
+        Self { asked: config.planner, network, farthest, volumetric: VolumetricPlanner::new(volumetric) }
     }
 
-    /// Forget what was remembered of the object.
-    pub fn reset(&mut self) {
-        self.farthest.reset();
-        self.volumetric.reset();
+    /// Whether there are weights.
+    pub fn has_network(&self) -> bool {
+        self.network.is_some()
     }
 
-    pub fn rank(&mut self, planner: PlannerName, state: &ScanState, rng: &mut ChaCha8Rng) -> Vec<RankedView> {
+    /// Other settings; what is known of the scans stays where it does not depend on what changed.
+    pub(crate) fn configure(&mut self, config: &SessionConfig) {
+        self.asked = config.planner;
+        let volumetric = volumetric_config(config);
+        if *self.volumetric.config() != volumetric {
+            self.volumetric = VolumetricPlanner::new(volumetric);
+        }
+    }
+
+    /// Which planner answers, and why.
+    ///
+    /// # Errors
+    /// The planner asked for cannot work.
+    pub fn choose(&self, state: &ScanState) -> Result<Choice, ChooseError> {
+        choose(self.asked, Evidence::of(state), self.has_network())
+    }
+
+    /// The views of the planner chosen.
+    ///
+    /// # Errors
+    /// Why it has none.
+    pub fn rank(
+        &mut self,
+        planner: PlannerName,
+        state: &ScanState,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Vec<RankedView>, PlanError> {
         match planner {
-            PlannerName::BenbvNet => self.network.as_ref().map_or_else(Vec::new, |network| network.rank(state, rng)),
+            PlannerName::BenbvNet => match &self.network {
+                Some(network) => network.rank(state, rng),
+                None => Err(PlanError::lacks("benbv-net", "there are no weights")),
+            },
             PlannerName::Volumetric => self.volumetric.rank_views(state, rng),
             PlannerName::Farthest | PlannerName::Auto => self.farthest.rank_views(state, rng),
         }
     }
 }
 
+fn volumetric_config(config: &SessionConfig) -> VolumetricConfig {
+    let candidates = CandidateConfig { angles: Angles::All, ..Default::default() };
+    let workspace = config.region_m.map(|[low, high]| Workspace {
+        center_m: [0, 1, 2].map(|k| (low[k] + high[k]) / 2.0),
+        half_m: [0, 1, 2].map(|k| (high[k] - low[k]) / 2.0).into_iter().fold(0.0, f64::max),
+    });
+    VolumetricConfig { candidates, workspace, ..Default::default() }
+}
+
+impl Planner for AutoPlanner {
+    fn name(&self) -> &str {
+        "auto"
+    }
+
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+        let choice = self.choose(state).map_err(|e| PlanError::lacks("auto", e.to_string()))?;
+        self.rank(choice.planner, state, rng)
+    }
+
+    fn reset(&mut self) {
+        self.farthest.reset();
+        self.volumetric.reset();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::PastScan;
+    use crate::PastScan;
 
     fn state(seen: Vec<Seen>, num_scans: usize) -> ScanState {
-        let scans = seen.into_iter().map(|seen| PastScan { world_from_camera: Default::default(), seen }).collect();
+        let scans =
+            seen.into_iter().map(|seen| PastScan { world_from_camera: Default::default(), seen }.into()).collect();
         ScanState { scans, num_scans, ..Default::default() }
     }
 

@@ -1,14 +1,16 @@
 //! Settings of `infer`; `configs/infer.toml` shows each at its default with unit and source.
 
+use crate::Misses;
+use crate::accumulate::Accumulate;
 use crate::constraints::{Box3, ConstraintsConfig};
 use crate::pose::PoseConfig;
-use geometry::{Misses, PinholeCamera};
+use geometry::PinholeCamera;
 use serde::{Deserialize, Serialize};
 
 /// Everything that decides an answer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct InferConfig {
+pub struct SessionConfig {
     /// Seed of the named random streams.
     pub seed: u64,
     /// Which planner: `auto`, `volumetric`, `benbv-net` or `farthest`.
@@ -23,8 +25,12 @@ pub struct InferConfig {
     pub tolerance_m: f64,
     /// Only points in this box (smallest and largest corner, metres) are the object; all without it.
     pub region_m: Option<Box3>,
-    /// Larger clouds are thinned to about this many points.
+    /// How scans are merged.
+    pub accumulate: Accumulate,
+    /// Larger clouds are thinned to about this many points; 0 keeps all.
     pub max_points: usize,
+    /// A scan with fewer usable points is refused.
+    pub min_points: usize,
     /// Points farther from their neighbours than this many times the usual are dropped; 0 keeps all.
     pub outlier_factor: f64,
     /// Stop when the best view is expected to add less than this share of the whole surface; 0 never stops.
@@ -39,7 +45,7 @@ pub struct InferConfig {
     pub constraints: ConstraintsConfig,
 }
 
-impl Default for InferConfig {
+impl Default for SessionConfig {
     fn default() -> Self {
         Self {
             seed: 0,
@@ -49,7 +55,9 @@ impl Default for InferConfig {
             working_distance_steps: 3,
             tolerance_m: 0.002,
             region_m: None,
+            accumulate: Accumulate::Thinned,
             max_points: 10_000,
+            min_points: 30,
             outlier_factor: 6.0,
             stop_below: 0.0,
             camera: CameraConfig::default(),
@@ -60,7 +68,7 @@ impl Default for InferConfig {
     }
 }
 
-impl InferConfig {
+impl SessionConfig {
     /// Refuses values that no answer can be made with.
     ///
     /// # Errors
@@ -79,13 +87,17 @@ impl InferConfig {
                 return Err(ConfigError { key: "working_distance_range_m", found, expected: "[smallest, largest]" });
             }
         }
+        if self.accumulate == Accumulate::Matched {
+            let found = "matched".to_owned();
+            return Err(ConfigError { key: "accumulate", found, expected: "thinned or averaged" });
+        }
         if !(1..=20).contains(&self.working_distance_steps) {
             let found = self.working_distance_steps.to_string();
             return Err(ConfigError { key: "working_distance_steps", found, expected: "1 to 20" });
         }
-        if !(100..=200_000).contains(&self.max_points) {
+        if !(self.max_points == 0 || (100..=200_000).contains(&self.max_points)) {
             let found = self.max_points.to_string();
-            return Err(ConfigError { key: "max_points", found, expected: "100 to 200,000" });
+            return Err(ConfigError { key: "max_points", found, expected: "100 to 200,000, or 0 to keep all" });
         }
         if let Some([low, high]) = self.region_m.filter(|[low, high]| !(0..3).all(|i| low[i] < high[i])) {
             let found = format!("[{low:?}, {high:?}]");
@@ -210,15 +222,15 @@ mod tests {
     fn shipped_file_equals_the_defaults() {
         let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/infer.toml"))
             .expect("configs/infer.toml is part of the repository");
-        let shipped: InferConfig = toml::from_str(&text).expect("configs/infer.toml parses");
-        assert_eq!(shipped, InferConfig::default(), "configs/infer.toml must show the code's defaults");
+        let shipped: SessionConfig = toml::from_str(&text).expect("configs/infer.toml parses");
+        assert_eq!(shipped, SessionConfig::default(), "configs/infer.toml must show the code's defaults");
         assert_eq!(shipped.check(), Ok(()), "the defaults must be usable");
     }
 
     #[test]
     fn values_out_of_range_are_named() {
-        let wrong = |set: fn(&mut InferConfig)| {
-            let mut config = InferConfig::default();
+        let wrong = |set: fn(&mut SessionConfig)| {
+            let mut config = SessionConfig::default();
             set(&mut config);
             config.check().expect_err("out of range").key
         };
@@ -232,8 +244,8 @@ mod tests {
 
     #[test]
     fn distances_span_the_range() {
-        let config = InferConfig { working_distance_range_m: Some([0.6, 1.2]), ..Default::default() };
+        let config = SessionConfig { working_distance_range_m: Some([0.6, 1.2]), ..Default::default() };
         assert_eq!(config.working_distances(), vec![0.6, 0.6 + 0.6 / 2.0, 1.2], "ends included");
-        assert_eq!(InferConfig::default().working_distances(), vec![1.2], "one distance by default");
+        assert_eq!(SessionConfig::default().working_distances(), vec![1.2], "one distance by default");
     }
 }

@@ -1,17 +1,18 @@
 //! One scan as the user gives it, and made ready for planning.
 
-use crate::config::InferConfig;
+use crate::accumulate::Accumulate;
+use crate::config::SessionConfig;
 use crate::thin;
+use crate::{Misses, PastScan, Seen};
 use geometry::{
-    BoundaryConfig, DepthImage, Misses, NeighborGrid, Neighborhoods, PastScan, PinholeCamera, PointCloud, Seen, View,
-    mean_spacing_among, normals_of, orient_normals_toward,
+    BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, estimate_normals,
+    mean_spacing, mean_spacing_among, normals_of, orient_normals_along, orient_normals_toward,
 };
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
 
-/// Neighbours of a normal (method, 'Setting').
+/// Neighbours of a normal (20).
 pub(crate) const NORMAL_NEIGHBORS: usize = 20;
-/// Fewer points give no surface to plan on.
-pub const MIN_POINTS: usize = 30;
 
 /// What a scan is known by, world frame, metres.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,8 +84,8 @@ impl ScanReport {
 /// A scan cleaned, thinned, with normals.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedScan {
-    /// As it came; a cloud's points are moved to `cloud`.
-    pub scan: Scan,
+    /// What a planner may know of it; `None` where the camera is unknown.
+    pub past: Option<Arc<PastScan>>,
     /// Cleaned and thinned, with normals.
     pub cloud: PointCloud,
     /// Whether the normals are known to point towards the camera.
@@ -94,22 +95,30 @@ pub(crate) struct PreparedScan {
     pub report: ScanReport,
 }
 
+impl PreparedScan {
+    /// Where the camera was, if known.
+    pub fn camera_position(&self) -> Option<Point3<f64>> {
+        self.past.as_ref().map(|past| Point3::from(past.world_from_camera.translation.vector))
+    }
+}
+
 /// The neighbours of a cloud's points, found once for all: as many as the boundary asks for, which is the most.
 pub(crate) fn neighborhoods(points: &[Point3<f64>]) -> Neighborhoods {
     NeighborGrid::new(points, 0.0).neighborhoods_in_parallel(points.len(), BoundaryConfig::default().neighbors)
 }
 
-/// Cleans and thins a scan and gives it normals; its points' neighbours come with it.
+/// Cleans and thins a scan and gives it normals; the neighbours of its points come with it where they were needed.
 ///
 /// # Errors
-/// The counts, where fewer than [`MIN_POINTS`] points remain.
-pub(crate) fn prepare(mut scan: Scan, config: &InferConfig) -> Result<(PreparedScan, Neighborhoods), ScanReport> {
-    let unprojected;
+/// The counts, where fewer than `min_points` points remain.
+pub(crate) fn prepare(
+    mut scan: Scan,
+    config: &SessionConfig,
+) -> Result<(PreparedScan, Option<Neighborhoods>), ScanReport> {
     let raw = match &mut scan {
-        Scan::Cloud { cloud, .. } => &*cloud,
+        Scan::Cloud { cloud, .. } => std::mem::take(cloud),
         Scan::Depth { camera, depth, world_from_camera, .. } => {
-            unprojected = PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() };
-            &unprojected
+            PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() }
         }
     };
     let mut report = ScanReport { read: raw.len(), ..Default::default() };
@@ -124,52 +133,63 @@ pub(crate) fn prepare(mut scan: Scan, config: &InferConfig) -> Result<(PreparedS
         kept.retain(|&i| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&raw.points[i][axis])));
         report.outside_region = before - kept.len();
     }
-    let all = thin::select(raw, &kept);
+    let all = thin::select(&raw, &kept);
     let radius = thin::radius_for(&all.points, config.max_points, config.seed);
     let mut cloud = thin::select(&all, &thin::thin(&all.points, radius));
     report.thinned = all.len() - cloud.len();
-    let mut near = neighborhoods(&cloud.points);
-    let inliers = thin::without_outliers(&near, config.outlier_factor);
-    report.outliers = cloud.len() - inliers.len();
-    if report.outliers > 0 {
-        cloud = thin::select(&cloud, &inliers);
-        near = neighborhoods(&cloud.points);
+    let mut near = None;
+    if config.outlier_factor > 0.0 {
+        let found = neighborhoods(&cloud.points);
+        let inliers = thin::without_outliers(&found, config.outlier_factor);
+        report.outliers = cloud.len() - inliers.len();
+        near = Some(found);
+        if report.outliers > 0 {
+            cloud = thin::select(&cloud, &inliers);
+            near = Some(neighborhoods(&cloud.points));
+        }
     }
     report.used = cloud.len();
-    if cloud.len() < MIN_POINTS {
+    if cloud.len() < config.min_points {
         return Err(report);
     }
+    let forward = match &scan {
+        Scan::Depth { world_from_camera, .. } => Some(world_from_camera * Vector3::z()),
+        Scan::Cloud { .. } => None,
+    };
     let mut oriented = has_normals;
     if !has_normals {
-        cloud.normals = normals_of(&cloud.points, &near, NORMAL_NEIGHBORS);
-        if let Some(from) = scan.camera_position() {
+        cloud.normals = match &near {
+            Some(near) => normals_of(&cloud.points, near, NORMAL_NEIGHBORS),
+            None => estimate_normals(&cloud.points, NORMAL_NEIGHBORS),
+        };
+        if let (Accumulate::Matched, Some(forward)) = (config.accumulate, forward) {
+            orient_normals_along(&mut cloud, &-forward);
+            oriented = true;
+        } else if let Some(from) = scan.camera_position() {
             orient_normals_toward(&mut cloud, &from);
             oriented = true;
         }
     }
-    if let Scan::Cloud { cloud: given, .. } = &mut scan {
-        *given = PointCloud::default();
-    }
-    let spacing = mean_spacing_among(&cloud.points, &near);
-    Ok((PreparedScan { scan, cloud, oriented, spacing, report }, near))
+    let spacing = match &near {
+        Some(near) => mean_spacing_among(&cloud.points, near),
+        None => mean_spacing(&cloud.points),
+    };
+    let past = past_scan(scan, &cloud.points).map(Arc::new);
+    Ok((PreparedScan { past, cloud, oriented, spacing, report }, near))
 }
 
-impl PreparedScan {
-    /// What a planner may know of this scan; `None` where the camera is unknown.
-    pub fn past_scan(&self) -> Option<PastScan> {
-        match &self.scan {
-            Scan::Depth { camera, depth, world_from_camera, misses } => Some(PastScan {
-                world_from_camera: *world_from_camera,
-                seen: Seen::Depth { camera: *camera, depth: depth.clone(), misses: *misses },
-            }),
-            Scan::Cloud { from, .. } => {
-                let position = (*from)?;
-                // The orientation is not known and does not matter: it looks at the middle of what it saw.
-                let sum: nalgebra::Vector3<f64> = self.cloud.points.iter().map(|p| p.coords).sum();
-                let view = View { target: Point3::from(sum / self.cloud.len() as f64), position };
-                let seen = Seen::Points(self.cloud.points.clone());
-                Some(PastScan { world_from_camera: view.world_from_camera(), seen })
-            }
+/// What a planner may know of a scan with these points; `None` where the camera is unknown.
+fn past_scan(scan: Scan, points: &[Point3<f64>]) -> Option<PastScan> {
+    match scan {
+        Scan::Depth { camera, depth, world_from_camera, misses } => {
+            Some(PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses } })
+        }
+        Scan::Cloud { from, .. } => {
+            let position = from?;
+            // The orientation is not known and does not matter: it looks at the middle of what it saw.
+            let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
+            let view = View { target: Point3::from(sum / points.len().max(1) as f64), position };
+            Some(PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points.to_vec()) })
         }
     }
 }

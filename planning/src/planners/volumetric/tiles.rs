@@ -1,7 +1,7 @@
 //! The parts of an image in which a view meets blocks of voxels, and how far away.
 
 use super::grid::BLOCK;
-use crate::PinholeCamera;
+use geometry::PinholeCamera;
 use nalgebra::{Matrix3, Vector3};
 
 /// Edge of a tile, pixels.

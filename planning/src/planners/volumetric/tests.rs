@@ -1,7 +1,8 @@
 use super::predict::{Forecast, bounded_stride};
 use super::tiles::{TILE, Tiles};
 use super::*;
-use crate::{DepthImage, NeighborGrid, PastScan, PointCloud, View, rng};
+use crate::PastScan;
+use geometry::{DepthImage, NeighborGrid, PointCloud, View, rng};
 
 /// A ball of 8 cm seen from +z, by its analytic depth image.
 fn ball(misses: Misses) -> ScanState {
@@ -23,13 +24,13 @@ fn ball(misses: Misses) -> ScanState {
     let scan = PastScan { world_from_camera: pose, seen: Seen::Depth { camera, depth, misses } };
     ScanState {
         cloud,
-        scans: vec![scan],
+        scans: vec![Arc::new(scan)],
         num_scans: 1,
         grid_size: 0.0023,
         working_distance: 1.2,
         tolerance: 0.002,
         camera,
-        near: None,
+        near: Default::default(),
     }
 }
 
@@ -38,14 +39,15 @@ fn the_other_side_of_a_ball_is_expected_and_chosen() {
     for misses in [Misses::Free, Misses::Unknown] {
         let state = ball(misses);
         let mut planner = VolumetricPlanner::new(VolumetricConfig { gain_only: true, ..Default::default() });
-        let ranked = planner.rank_views(&state, &mut rng::stream(1, "planner"));
+        let ranked = planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
         assert!(ranked.len() > 30, "{}", ranked.len());
         assert!(ranked.windows(2).all(|r| r[0].score >= r[1].score));
         // The most new surface is seen from the side or from behind, not from where the first camera stood.
         assert!(ranked[0].view.direction().z < 0.5, "{misses:?}: {:?}", ranked[0]);
         assert!(ranked[0].gain.unwrap() > 0.1, "{misses:?}: {:?}", ranked[0]);
         let again = VolumetricPlanner::new(VolumetricConfig { gain_only: true, ..Default::default() })
-            .rank_views(&state, &mut rng::stream(1, "planner"));
+            .rank_views(&state, &mut rng::stream(1, "planner"))
+            .expect("views");
         assert_eq!(ranked, again);
     }
 }
@@ -88,7 +90,7 @@ fn error_of_covered(points: Vec<Point3<f64>>) -> f64 {
     let tolerance = state.tolerance;
     state.cloud.normals = vec![Vector3::z(); points.len()];
     state.cloud.points = points;
-    state.scans[0].seen = Seen::Points(state.cloud.points.clone());
+    Arc::make_mut(&mut state.scans[0]).seen = Seen::Points(state.cloud.points.clone());
     let grid = prepared(&state);
     let within = NeighborGrid::new(&state.cloud.points, tolerance);
     let zero = grid.local(&Point3::origin());
@@ -267,7 +269,8 @@ fn the_membrane_is_that_of_relaxing_voxel_by_voxel() {
 fn without_cameras_there_is_no_view() {
     let mut state = ball(Misses::Free);
     state.scans.clear();
-    assert!(VolumetricPlanner::default().rank_views(&state, &mut rng::stream(1, "planner")).is_empty());
+    let error = VolumetricPlanner::default().rank_views(&state, &mut rng::stream(1, "planner")).expect_err("none");
+    assert!(!error.is_end() && error.to_string().contains("the cameras of 0 of 1 scans are known"), "{error}");
 }
 
 #[test]
@@ -283,12 +286,12 @@ fn novelty_is_the_angle_to_the_nearest_past_camera() {
 fn no_gain_exceeds_what_is_missing() {
     let state = ball(Misses::Free);
     let mut planner = VolumetricPlanner::new(VolumetricConfig::default());
-    let ranked = planner.rank_views(&state, &mut rng::stream(1, "test"));
+    let ranked = planner.rank_views(&state, &mut rng::stream(1, "test")).expect("views");
     let missing = 1.0 - planner.coverage();
     assert!(!ranked.is_empty() && ranked.iter().all(|r| r.gain.is_some_and(|g| g <= missing)), "{missing}");
     let novel = |weight| {
         let config = VolumetricConfig { novelty: weight, ..Default::default() };
-        VolumetricPlanner::new(config).rank_views(&state, &mut rng::stream(1, "test"))[0].view
+        VolumetricPlanner::new(config).rank_views(&state, &mut rng::stream(1, "test")).expect("views")[0].view
     };
     assert!(novel(10.0) != novel(0.0), "a large weight decides");
 }

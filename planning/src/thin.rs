@@ -81,9 +81,9 @@ impl std::hash::Hasher for CellHash {
 
 /// The radius that thins a cloud to about `target` points, from a random sample: n points at random on an area
 /// A are sqrt(A / n) / 2 from their nearest neighbour on average, and about 0.65 A / r^2 points fit r apart when taken in random order.
-/// Exact duplicates in the sample are passed over.
+/// Exact duplicates in the sample are passed over. Target 0 keeps all.
 pub fn radius_for(points: &[Point3<f64>], target: usize, seed: u64) -> f64 {
-    if points.len() <= target {
+    if target == 0 || points.len() <= target {
         return 0.0;
     }
     let mut rng = rng::stream(seed, "infer/thin");

@@ -1,0 +1,98 @@
+//! What a policy may see.
+
+use geometry::neighbors::{NeighborGrid, Neighborhoods};
+use geometry::{DepthImage, PinholeCamera, PointCloud};
+use nalgebra::{Isometry3, Point3};
+use std::borrow::Cow;
+use std::sync::{Arc, OnceLock};
+
+/// What a pixel without a return says about its ray.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Misses {
+    /// Nothing there up to the camera's range: the ray is free space.
+    Free,
+    /// The sensor may have failed there: the ray stays unknown.
+    #[default]
+    Unknown,
+}
+
+/// What one past scan saw.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Seen {
+    /// A depth image.
+    Depth {
+        /// Intrinsics of the image.
+        camera: PinholeCamera,
+        /// The image.
+        depth: DepthImage,
+        /// What its pixels without a return mean.
+        misses: Misses,
+    },
+    /// Only points (world frame): free space is known along the rays to them, and no further.
+    Points(Vec<Point3<f64>>),
+}
+
+/// One scan done so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PastScan {
+    /// The camera pose.
+    pub world_from_camera: Isometry3<f64>,
+    /// What it saw.
+    pub seen: Seen,
+}
+
+/// All that a policy may see: what was measured, from where, and the user's settings. Never ground truth
+/// (invariant 5).
+#[derive(Clone, Debug, Default)]
+pub struct ScanState {
+    /// The accumulated cloud, world frame, normals towards the cameras.
+    pub cloud: PointCloud,
+    /// The scans so far, oldest first. Empty, or shorter than `num_scans`, where only clouds are known.
+    /// Shared: planners remember which of them they have taken in.
+    pub scans: Vec<Arc<PastScan>>,
+    /// Number of scans in `cloud`, at least 1 (the network's view order is this minus one).
+    pub num_scans: usize,
+    /// Voxel edge of the accumulated cloud, metres: the mean nearest-neighbour distance of the first scan.
+    pub grid_size: f64,
+    /// Distance from target to camera that the next view shall have, metres (method: 1.2).
+    pub working_distance: f64,
+    /// Distance under which two points count as the same surface, metres (method: 0.002).
+    pub tolerance: f64,
+    /// Camera that will take the next scan.
+    pub camera: PinholeCamera,
+    /// Neighbourhoods of the cloud's points, found when first asked for.
+    pub near: OnceLock<Neighborhoods>,
+}
+
+impl ScanState {
+    /// The neighbourhoods of `k` points: those known already where they are of this cloud and size, else found now.
+    pub fn neighborhoods(&self, k: usize) -> Cow<'_, Neighborhoods> {
+        let points = &self.cloud.points;
+        let find = || NeighborGrid::new(points, 2.0 * self.grid_size).neighborhoods_in_parallel(points.len(), k);
+        let known = self.near.get_or_init(find);
+        let fits = known.len() == points.len() && known.k() == k.min(points.len());
+        if fits { Cow::Borrowed(known) } else { Cow::Owned(find()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_neighborhoods_are_taken_where_they_fit() {
+        let points: Vec<_> = (0..50).map(|i| Point3::new(f64::from(i * i), 0.0, 0.0)).collect();
+        let find = |k| NeighborGrid::new(&points, 0.0).neighborhoods(50, k);
+        let cloud = PointCloud { points: points.clone(), ..Default::default() };
+        let mut state = ScanState { cloud, ..Default::default() };
+        let known = |state: &ScanState, k| matches!(state.neighborhoods(k), Cow::Borrowed(_));
+        assert!(known(&state, 30) && !known(&state, 20), "as many as asked for");
+        state.near = find(50).into();
+        assert!(known(&state, 60), "or all there are");
+        state.cloud.points.pop();
+        assert!(!known(&state, 50), "of another cloud");
+        assert_eq!(state.neighborhoods(30).len(), 49);
+        assert_eq!(state.neighborhoods(30).ids(7), find(30).ids(7), "found anew");
+    }
+}
