@@ -6,7 +6,7 @@ use crate::policies::pc_nbv::PcNbvPlanner;
 use formats::config::digest;
 use model::net_planner::BUNDLED_WEIGHTS;
 use model::{NetPlanner, NetPlannerConfig, PcNbvModel};
-use planning::CandidateConfig;
+use planning::{CandidateConfig, Network};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -47,6 +47,14 @@ impl Networks {
         Ok(Box::new(planner))
     }
 
+    /// The network that `auto` falls back to.
+    ///
+    /// # Errors
+    /// What is wrong with the weights.
+    pub fn of_auto(&self) -> Result<Option<Network>, String> {
+        Ok(Some(Network::boxed(self.benbv_net(None)?)))
+    }
+
     fn benbv_net_directory(&self, directory: Option<&str>) -> PathBuf {
         directory.map_or_else(|| self.weights.benbv_net.clone(), PathBuf::from)
     }
@@ -55,7 +63,7 @@ impl Networks {
     pub fn digest(&self, family: &str, variant: Option<&str>) -> Option<String> {
         let read = |directory: PathBuf| std::fs::read(directory.join(model::checkpoint::WEIGHTS)).unwrap_or_default();
         match family {
-            "benbv-net" => {
+            "benbv-net" | "auto" => {
                 let directory = self.benbv_net_directory(variant);
                 let carried = directory.as_os_str().is_empty();
                 Some(if carried { digest(BUNDLED_WEIGHTS) } else { digest(&read(directory)) })

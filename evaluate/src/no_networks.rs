@@ -13,6 +13,14 @@ impl Networks {
     }
 
     /// None.
+    ///
+    /// # Errors
+    /// Never.
+    pub fn of_auto(&self) -> Result<Option<planning::Network>, String> {
+        Ok(None)
+    }
+
+    /// None.
     pub fn digest(&self, _family: &str, _variant: Option<&str>) -> Option<String> {
         None
     }

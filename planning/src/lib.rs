@@ -30,6 +30,7 @@ pub mod answer;
 pub mod candidates;
 pub mod config;
 pub mod constraints;
+pub mod estimate;
 #[cfg(test)]
 #[allow(dead_code)]
 #[path = "../../geometry/src/golden.rs"]
@@ -57,4 +58,4 @@ pub use planners::farthest::FarthestPlanner;
 pub use planners::volumetric::{Forecasts, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace};
 pub use scan::{Scan, ScanReport};
 pub use session::{Session, SessionError};
-pub use state::{Misses, PastScan, ScanState, Seen};
+pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};

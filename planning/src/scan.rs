@@ -2,15 +2,18 @@
 
 use crate::accumulate::Accumulate;
 use crate::config::SessionConfig;
+use crate::estimate::estimated_scans;
 use crate::thin;
-use crate::{Misses, PastScan, Seen};
+use crate::{CameraPose, Misses, PastScan, Seen};
 use geometry::{
     BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, estimate_normals,
-    mean_spacing, mean_spacing_among, normals_of, orient_normals_along, orient_normals_toward,
+    mean_spacing, mean_spacing_among, normals_of, orient_normals_along, orient_normals_among, orient_normals_toward,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 
+/// Neighbours over which the sign of normals is carried where no camera is known (10).
+const ORIENTATION_NEIGHBORS: usize = 10;
 /// Neighbours of a normal (20).
 pub(crate) const NORMAL_NEIGHBORS: usize = 20;
 
@@ -84,12 +87,10 @@ impl ScanReport {
 /// A scan cleaned, thinned, with normals.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedScan {
-    /// What a planner may know of it; `None` where the camera is unknown.
-    pub past: Option<Arc<PastScan>>,
+    /// What a planner may know of it: one scan; several, or none, where the camera is not known.
+    pub past: Vec<Arc<PastScan>>,
     /// Cleaned and thinned, with normals.
     pub cloud: PointCloud,
-    /// Whether the normals are known to point towards the camera.
-    pub oriented: bool,
     /// Mean distance of its points to the nearest other, metres.
     pub spacing: f64,
     pub report: ScanReport,
@@ -98,7 +99,8 @@ pub(crate) struct PreparedScan {
 impl PreparedScan {
     /// Where the camera was, if known.
     pub fn camera_position(&self) -> Option<Point3<f64>> {
-        self.past.as_ref().map(|past| Point3::from(past.world_from_camera.translation.vector))
+        let known = self.past.first().filter(|past| past.pose == CameraPose::Given);
+        known.map(|past| Point3::from(past.world_from_camera.translation.vector))
     }
 }
 
@@ -174,22 +176,35 @@ pub(crate) fn prepare(
         Some(near) => mean_spacing_among(&cloud.points, near),
         None => mean_spacing(&cloud.points),
     };
-    let past = past_scan(scan, &cloud.points).map(Arc::new);
-    Ok((PreparedScan { past, cloud, oriented, spacing, report }, near))
+    let mut past: Vec<PastScan> = past_scan(scan, &cloud.points).into_iter().collect();
+    if past.is_empty() && !cloud.is_empty() {
+        if !oriented {
+            let near = near.get_or_insert_with(|| neighborhoods(&cloud.points));
+            orient_normals_among(&mut cloud, near, ORIENTATION_NEIGHBORS);
+        }
+        let distance = config.working_distances().iter().sum::<f64>() / config.working_distances().len() as f64;
+        past = estimated_scans(&mut cloud, distance, spacing);
+    }
+    let past = past.into_iter().map(Arc::new).collect();
+    Ok((PreparedScan { past, cloud, spacing, report }, near))
 }
 
 /// What a planner may know of a scan with these points; `None` where the camera is unknown.
 fn past_scan(scan: Scan, points: &[Point3<f64>]) -> Option<PastScan> {
     match scan {
         Scan::Depth { camera, depth, world_from_camera, misses } => {
-            Some(PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses } })
+            Some(PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses }, pose: Default::default() })
         }
         Scan::Cloud { from, .. } => {
             let position = from?;
             // The orientation is not known and does not matter: it looks at the middle of what it saw.
             let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
             let view = View { target: Point3::from(sum / points.len().max(1) as f64), position };
-            Some(PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points.to_vec()) })
+            Some(PastScan {
+                world_from_camera: view.world_from_camera(),
+                seen: Seen::Points(points.to_vec()),
+                pose: Default::default(),
+            })
         }
     }
 }

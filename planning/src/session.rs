@@ -6,16 +6,13 @@ use crate::config::{ConfigError, SessionConfig};
 use crate::constraints::{Surroundings, count_exclusions};
 use crate::planners::auto::{AutoPlanner, ChooseError, Network};
 use crate::pose::{Pose, world_from_camera};
-use crate::scan::{PreparedScan, Scan, ScanReport, neighborhoods, prepare};
+use crate::scan::{PreparedScan, Scan, ScanReport, prepare};
 use crate::{Accumulate, Evidence, PlanError, Planner};
-use crate::{RankedView, ScanState, Seen};
+use crate::{PastScan, RankedView, ScanState, Seen};
 use crate::{accumulate, overlap, stop, thin};
-use geometry::{BoundaryConfig, PointCloud, boundary_among, orient_normals_among, rng};
+use geometry::{BoundaryConfig, PointCloud, boundary_among, rng};
 use nalgebra::Point3;
 use std::sync::{Arc, OnceLock};
-
-/// Neighbours over which the sign of normals is carried where no camera is known (10).
-const ORIENTATION_NEIGHBORS: usize = 10;
 
 /// Why no answer can be given.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -155,13 +152,12 @@ impl Session {
 
     /// Memory that the scans and the neighbours of their points hold, roughly, in bytes.
     pub fn memory(&self) -> usize {
-        let seen = |scan: &PreparedScan| match scan.past.as_ref().map(|past| &past.seen) {
-            Some(Seen::Depth { depth, .. }) => 4 * depth.depth.len(),
-            Some(Seen::Points(points)) => 24 * points.len(),
-            None => 0,
+        let seen = |past: &Arc<PastScan>| match &past.seen {
+            Seen::Depth { depth, .. } => 4 * depth.depth.len(),
+            Seen::Points(points) => 24 * points.len(),
         };
         let near = self.state.near.get().map_or(0, |near| 8 * near.k() * near.len());
-        near + self.scans.iter().map(|s| 96 * s.cloud.len() + seen(s)).sum::<usize>()
+        near + self.scans.iter().map(|s| 96 * s.cloud.len() + s.past.iter().map(seen).sum::<usize>()).sum::<usize>()
     }
 
     /// The accumulated cloud that is planned on.
@@ -376,7 +372,7 @@ impl Session {
         };
         self.state = ScanState {
             cloud,
-            scans: scans.iter().filter_map(|scan| scan.past.clone()).collect(),
+            scans: scans.iter().flat_map(|scan| scan.past.iter().cloned()).collect(),
             num_scans: scans.len(),
             grid_size,
             working_distance: config.working_distance_m,
@@ -384,9 +380,6 @@ impl Session {
             camera: config.camera.camera(),
             near: OnceLock::new(),
         };
-        if scans.iter().any(|scan| !scan.oriented) {
-            orient(&mut self.state, scans);
-        }
     }
 }
 
@@ -409,12 +402,4 @@ fn thinned(scans: &[PreparedScan], grid_size: f64, config: &SessionConfig) -> Po
     }
     let kept = accumulate::thinned(&cloud.points, grid_size, config.max_points, config.seed);
     thin::select(&cloud, &kept)
-}
-
-/// Carries the sign of the normals from point to point where no camera gives it.
-fn orient(state: &mut ScanState, scans: &[PreparedScan]) {
-    let _ = scans;
-    let near = neighborhoods(&state.cloud.points);
-    orient_normals_among(&mut state.cloud, &near, ORIENTATION_NEIGHBORS);
-    state.near = near.into();
 }

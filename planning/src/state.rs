@@ -40,6 +40,19 @@ pub struct PastScan {
     pub world_from_camera: Isometry3<f64>,
     /// What it saw.
     pub seen: Seen,
+    /// How its camera is known.
+    pub pose: CameraPose,
+}
+
+/// How the camera of a scan is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraPose {
+    /// It was given.
+    #[default]
+    Given,
+    /// Told by the cloud ([`crate::estimate`]).
+    Estimated,
 }
 
 /// All that a policy may see: what was measured, from where, and the user's settings. Never ground truth

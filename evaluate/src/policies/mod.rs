@@ -21,7 +21,7 @@ use nalgebra::Point3;
 use oracle::{OracleAmong, OraclePlanner};
 use planning::candidates::Angles;
 use planning::planners::farthest::{Distance, FarthestPlanner};
-use planning::{CandidateConfig, Planner, RankedView, ScanState, VolumetricPlanner};
+use planning::{AutoPlanner, CandidateConfig, Planner, RankedView, ScanState, SessionConfig, VolumetricPlanner};
 use random_boundary::RandomBoundaryPlanner;
 use random_sphere::RandomSpherePlanner;
 use random_u_sphere::RandomSetPlanner;
@@ -109,6 +109,7 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("benbv", "the paper's model-based search, 20 candidates; knows the object"),
     ("benbv:60", "the same with 20 targets x 3 angles (any multiple of 3, e.g. benbv:300)"),
     ("benbv:shifted", "yardstick: the search where it does not know at which parts of a pixel its samples will fall"),
+    ("auto", "what `infer` does by default: the best that the evidence allows"),
     ("benbv-net", "the paper's network; no model of the object (benbv-net:DIR with the checkpoint in DIR)"),
     ("pc-nbv", "PC-NBV over its 33 views at the working distance (pc-nbv:paper: unmasked, 0.3 m farther)"),
     ("see", "SEE++ with parameters from the first scan"),
@@ -193,7 +194,6 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
             .ok_or_else(|| unfit("a number of candidates: 20, or a multiple of the number of angles, e.g. 60"))
     };
     let search = |candidates| SearchConfig::of(&config.episode, candidates);
-    #[cfg(feature = "networks")]
     let weights = |message| PolicyError::Weights { policy: policy.to_owned(), message };
     Ok(match (family, variant) {
         ("benbv", Some("shifted")) => {
@@ -203,6 +203,10 @@ pub fn make<'a>(policy: &str, context: &PolicyContext<'a>) -> Result<BoxedPlanne
         ("benbv", _) => {
             let candidates = candidates(variant, config.candidates.num_targets)?;
             Box::new(SearchPlanner::new(context.scene, context.samples, search(candidates)))
+        }
+        ("auto", None) => {
+            let session = SessionConfig { tolerance_m: config.episode.tolerance_m, ..SessionConfig::default() };
+            Box::new(AutoPlanner::new(context.networks.of_auto().map_err(weights)?, &session))
         }
         ("random-boundary", None) => Box::new(RandomBoundaryPlanner::new(config.candidates.clone())),
         ("random-sphere", _) => Box::new(RandomSpherePlanner::new(policy, radius(variant)?)),

@@ -3,7 +3,7 @@
 use crate::config::{PlannerName, SessionConfig};
 use crate::planners::farthest::FarthestPlanner;
 use crate::{
-    Angles, CandidateConfig, Misses, PlanError, Planner, RankedView, ScanState, Seen, VolumetricConfig,
+    Angles, CameraPose, CandidateConfig, Misses, PlanError, Planner, RankedView, ScanState, Seen, VolumetricConfig,
     VolumetricPlanner, Workspace,
 };
 use rand_chacha::ChaCha8Rng;
@@ -20,22 +20,25 @@ pub enum Evidence {
     Depth,
     /// Clouds with camera positions: free space along the rays to the points.
     CameraPositions,
-    /// At least one scan whose camera is unknown.
+    /// At least one scan whose camera is estimated from its points.
     Clouds,
+    /// At least one scan that does not tell where it was taken from.
+    Unplaced,
 }
 
 impl Evidence {
     /// What all the scans of a state have.
     pub fn of(state: &ScanState) -> Self {
         if state.scans.is_empty() || state.scans.len() < state.num_scans {
-            return Self::Clouds;
+            return Self::Unplaced;
         }
         let each = state.scans.iter().map(|scan| match &scan.seen {
+            _ if scan.pose == CameraPose::Estimated => Self::Clouds,
             Seen::Depth { misses: Misses::Free, .. } => Self::DepthWithBackground,
             Seen::Depth { .. } => Self::Depth,
             Seen::Points(_) => Self::CameraPositions,
         });
-        each.max().unwrap_or(Self::Clouds)
+        each.max().unwrap_or(Self::Unplaced)
     }
 
     /// For people.
@@ -45,6 +48,7 @@ impl Evidence {
             Self::Depth => "depth images with poses",
             Self::CameraPositions => "clouds with camera positions",
             Self::Clouds => "clouds without a camera position for each",
+            Self::Unplaced => "scans that do not tell where they were taken from",
         }
     }
 }
@@ -58,7 +62,12 @@ pub struct Network {
 impl Network {
     /// Shares a network planner, such as `model::NetPlanner`.
     pub fn new(planner: impl Planner + Send + 'static) -> Self {
-        Self { planner: Arc::new(Mutex::new(Box::new(planner))) }
+        Self::boxed(Box::new(planner))
+    }
+
+    /// [`Network::new`] of one in a box already.
+    pub fn boxed(planner: Box<dyn Planner + Send>) -> Self {
+        Self { planner: Arc::new(Mutex::new(planner)) }
     }
 
     fn rank(&self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
@@ -90,11 +99,14 @@ pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Resu
     let has = evidence.describe();
     let choice = |planner, why: String| Ok(Choice { planner, why });
     match asked {
-        PlannerName::Volumetric if evidence == Evidence::Clouds => Err(ChooseError::NoCameras),
+        PlannerName::Volumetric if evidence == Evidence::Unplaced => Err(ChooseError::NoCameras),
         PlannerName::BenbvNet if !has_network => Err(ChooseError::NoWeights),
-        PlannerName::Auto if evidence != Evidence::Clouds => {
+        PlannerName::Auto if evidence != Evidence::Unplaced => {
             let carves = match evidence {
                 Evidence::DepthWithBackground => "seen and unseen space are told apart",
+                Evidence::Clouds => {
+                    "cameras are estimated from the normals, to about 10 degrees, and space is carved from there"
+                }
                 _ => "space is known to be free up to the points seen",
             };
             choice(PlannerName::Volumetric, format!("there are {has}, so {carves}"))
@@ -219,8 +231,10 @@ mod tests {
     use crate::PastScan;
 
     fn state(seen: Vec<Seen>, num_scans: usize) -> ScanState {
-        let scans =
-            seen.into_iter().map(|seen| PastScan { world_from_camera: Default::default(), seen }.into()).collect();
+        let scans = seen
+            .into_iter()
+            .map(|seen| PastScan { world_from_camera: Default::default(), seen, pose: Default::default() }.into())
+            .collect();
         ScanState { scans, num_scans, ..Default::default() }
     }
 
@@ -234,20 +248,24 @@ mod tests {
         assert_eq!(Evidence::of(&state(vec![free(), free()], 2)), Evidence::DepthWithBackground, "all carve");
         assert_eq!(Evidence::of(&state(vec![free(), depth(Misses::Unknown)], 2)), Evidence::Depth, "one is unsure");
         assert_eq!(Evidence::of(&state(vec![Seen::Points(vec![]), free()], 2)), Evidence::CameraPositions, "points");
-        assert_eq!(Evidence::of(&state(vec![free()], 2)), Evidence::Clouds, "one camera is unknown");
-        assert_eq!(Evidence::of(&state(vec![], 1)), Evidence::Clouds, "no camera is known");
+        assert_eq!(Evidence::of(&state(vec![free()], 2)), Evidence::Unplaced, "one camera is unknown");
+        assert_eq!(Evidence::of(&state(vec![], 1)), Evidence::Unplaced, "no camera is known");
     }
 
     #[test]
     fn auto_takes_the_best_and_says_why() {
         let auto = |evidence, network| choose(PlannerName::Auto, evidence, network).expect("auto always finds one");
-        for evidence in [Evidence::DepthWithBackground, Evidence::Depth, Evidence::CameraPositions] {
+        for evidence in [Evidence::DepthWithBackground, Evidence::Depth, Evidence::CameraPositions, Evidence::Clouds] {
             for network in [false, true] {
                 assert_eq!(auto(evidence, network).planner, PlannerName::Volumetric, "{evidence:?}");
             }
         }
-        assert_eq!(auto(Evidence::Clouds, true).planner, PlannerName::BenbvNet, "clouds alone: the network");
-        let fallback = auto(Evidence::Clouds, false);
+        assert_eq!(
+            auto(Evidence::Unplaced, true).planner,
+            PlannerName::BenbvNet,
+            "no camera can be estimated: the network"
+        );
+        let fallback = auto(Evidence::Unplaced, false);
         assert_eq!(fallback.planner, PlannerName::Farthest, "no weights: directions");
         assert!(fallback.why.contains("no weights"), "{}", fallback.why);
     }
@@ -255,7 +273,7 @@ mod tests {
     #[test]
     fn what_cannot_work_is_refused_with_the_way_out() {
         let refused = |asked, evidence, network| choose(asked, evidence, network).expect_err("must refuse").to_string();
-        assert!(refused(PlannerName::Volumetric, Evidence::Clouds, true).contains("--from"));
+        assert!(refused(PlannerName::Volumetric, Evidence::Unplaced, true).contains("--from"));
         assert!(refused(PlannerName::BenbvNet, Evidence::Depth, false).contains("--weights"));
         let choice = choose(PlannerName::Farthest, Evidence::Depth, true).expect("farthest always works");
         assert_eq!(choice.planner, PlannerName::Farthest, "what is asked for is taken");

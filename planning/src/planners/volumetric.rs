@@ -5,6 +5,7 @@ mod grid;
 mod march;
 mod membrane;
 mod predict;
+mod silhouette;
 mod tiles;
 
 use crate::candidates::candidate_views_among;
@@ -19,6 +20,7 @@ use march::Marcher;
 use nalgebra::{Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use silhouette::Silhouette;
 use std::sync::Arc;
 
 /// A cube in which the object stands.
@@ -50,6 +52,9 @@ pub struct VolumetricConfig {
     /// is coarser, and at most this many of those (3.5). They grow where memory would not do. About one ray goes through
     /// each.
     pub voxel_px: f64,
+    /// Take what lies outside of the outline of all that a scan measured for background, where its misses do not say so;
+    /// no longer for a scan in whose background others see surface. On by default.
+    pub presume_background: bool,
     /// The workspace; absent: around the cloud, again whenever that outgrows it.
     pub workspace: Option<Workspace>,
 }
@@ -63,8 +68,29 @@ impl Default for VolumetricConfig {
             novelty: 0.08,
             min_overlap: 0.0,
             voxel_px: 3.5,
+            presume_background: true,
             workspace: None,
         }
+    }
+}
+
+/// Cells between what a scan measured and what is taken for its background.
+const MARGIN: usize = 1;
+/// Share of the cloud in a scan's background from which on it is none.
+const CONTRADICTED: f64 = 0.02;
+
+/// A scan taken in.
+#[derive(Clone, Debug)]
+struct Carved {
+    scan: Arc<PastScan>,
+    /// Where its misses do not tell what is background.
+    silhouette: Option<Silhouette>,
+    trusted: bool,
+}
+
+impl Carved {
+    fn background(&self) -> Option<&Silhouette> {
+        self.silhouette.as_ref().filter(|_| self.trusted)
     }
 }
 
@@ -101,7 +127,7 @@ pub struct Forecasts {
 pub struct VolumetricPlanner {
     config: VolumetricConfig,
     grid: Option<VoxelGrid>,
-    carved: Vec<Arc<PastScan>>,
+    carved: Vec<Carved>,
     coverage: f64,
 }
 
@@ -144,7 +170,7 @@ impl VolumetricPlanner {
     /// The grid with all scans in it.
     fn carved_grid(&mut self, state: &ScanState) -> VoxelGrid {
         let bounded = self.config.workspace.is_some();
-        let same = |(old, new): (&Arc<PastScan>, &Arc<PastScan>)| Arc::ptr_eq(old, new);
+        let same = |(old, new): (&Carved, &Arc<PastScan>)| Arc::ptr_eq(&old.scan, new);
         let goes_on = self.carved.len() <= state.scans.len() && self.carved.iter().zip(&state.scans).all(same);
         let kept = self.grid.take().filter(|grid| goes_on && (bounded || grid.holds(&state.cloud.points)));
         let mut grid = kept.unwrap_or_else(|| {
@@ -153,9 +179,42 @@ impl VolumetricPlanner {
         });
         for scan in &state.scans[self.carved.len()..] {
             grid.carve(scan);
-            self.carved.push(Arc::clone(scan));
+            let silhouette = self.silhouette(scan, grid.voxel);
+            if let Some(silhouette) = &silhouette {
+                grid.carve_background(silhouette);
+            }
+            self.carved.push(Carved { scan: Arc::clone(scan), silhouette, trusted: true });
+        }
+        if self.distrust(&state.cloud.points) {
+            grid = self.new_grid(state);
+            for carved in &self.carved {
+                grid.carve(&carved.scan);
+                if let Some(silhouette) = carved.background() {
+                    grid.carve_background(silhouette);
+                }
+            }
         }
         grid
+    }
+
+    /// The outline of a scan whose misses do not tell background.
+    fn silhouette(&self, scan: &PastScan, voxel: f64) -> Option<Silhouette> {
+        let told = matches!(&scan.seen, Seen::Depth { misses: Misses::Free, .. });
+        (self.config.presume_background && !told).then(|| Silhouette::of(scan, voxel, MARGIN)).flatten()
+    }
+
+    /// No longer trusts the outline of scans in whose background there is surface; whether there was such a scan.
+    fn distrust(&mut self, points: &[Point3<f64>]) -> bool {
+        let most = (CONTRADICTED * points.len() as f64).max(3.0) as usize;
+        let mut any = false;
+        for carved in &mut self.carved {
+            let Some(silhouette) = carved.background() else { continue };
+            if points.iter().filter(|p| silhouette.is_background(p)).count() > most {
+                carved.trusted = false;
+                any = true;
+            }
+        }
+        any
     }
 
     /// What the candidates of this state promise; without views where nothing can be said.
@@ -173,7 +232,8 @@ impl VolumetricPlanner {
         let total = cloud.len() as f64 + 0.8 * grid.relax() as f64 * per_voxel;
         let covered = cloud.len() as f64 / total;
         self.coverage = covered;
-        let carves = state.scans.iter().all(|s| matches!(&s.seen, Seen::Depth { misses: Misses::Free, .. }));
+        let told = |c: &Carved| matches!(&c.scan.seen, Seen::Depth { misses: Misses::Free, .. });
+        let carves = self.carved.iter().all(|c| told(c) || c.background().is_some());
         let trust = predict::trust(grid.voxel, state.tolerance);
         let marcher = Marcher::new(&grid, carves);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);

@@ -112,7 +112,14 @@ fn state(points: Vec<Point3<f64>>, camera: Point3<f64>) -> ScanState {
     let view = View { target: Point3::origin(), position: camera };
     ScanState {
         cloud: PointCloud { points: points.clone(), normals: Vec::new() },
-        scans: vec![PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points) }.into()],
+        scans: vec![
+            PastScan {
+                world_from_camera: view.world_from_camera(),
+                seen: Seen::Points(points),
+                pose: Default::default(),
+            }
+            .into(),
+        ],
         num_scans: 1,
         grid_size: 0.0023,
         working_distance: 1.2,

@@ -140,8 +140,19 @@ impl VoxelGrid {
                 points.iter().for_each(|p| self.mark_surface(p));
             }
         }
+        self.forget_known();
+    }
+
+    /// Drops from the unknown voxels those that are known by now.
+    pub(super) fn forget_known(&mut self) {
         let code = &self.code;
         self.unknown.retain(|&i| matches!(code[i as usize], HOLLOW | SOLID));
+    }
+
+    /// Middle of a voxel, world frame.
+    pub(super) fn middle(&self, index: u32) -> Point3<f64> {
+        let [x, y, z] = self.coordinates(index).map(|c| (c as f64 + 0.5) * self.voxel);
+        self.low + Vector3::new(x, y, z)
     }
 
     fn mark_surface(&mut self, p: &Point3<f64>) {
@@ -154,7 +165,7 @@ impl VoxelGrid {
         }
     }
 
-    fn free(code: &mut [u8], membrane: &mut Membrane, i: usize) {
+    pub(super) fn free(code: &mut [u8], membrane: &mut Membrane, i: usize) {
         if matches!(code[i], HOLLOW | SOLID) {
             code[i] = FREE;
             membrane.set(i, 0.0);

@@ -21,7 +21,8 @@ fn ball(misses: Misses) -> ScanState {
     let depth = DepthImage { origin, size, depth };
     let points = depth.to_points(&camera, &pose);
     let cloud = PointCloud { normals: points.iter().map(|p| p.coords.normalize()).collect(), points };
-    let scan = PastScan { world_from_camera: pose, seen: Seen::Depth { camera, depth, misses } };
+    let scan =
+        PastScan { world_from_camera: pose, seen: Seen::Depth { camera, depth, misses }, pose: Default::default() };
     ScanState {
         cloud,
         scans: vec![Arc::new(scan)],
@@ -227,7 +228,7 @@ fn rays_carve_the_cube_wherever_they_end() {
     let unknown_after = |end: Option<[f64; 3]>| {
         let mut grid = VoxelGrid::new(&Point3::origin(), 0.1, 0.01);
         let seen = Seen::Points(end.into_iter().map(Point3::from).collect());
-        grid.carve(&PastScan { world_from_camera: from_z(1.0).world_from_camera(), seen });
+        grid.carve(&PastScan { world_from_camera: from_z(1.0).world_from_camera(), seen, pose: Default::default() });
         grid.unknown.len()
     };
     let carved = |end| unknown_after(None) - unknown_after(Some(end));

@@ -1,0 +1,157 @@
+//! Which part of a scan's image is background, where its misses do not say so: what lies outside of the outline of all
+//! that it measured. A dropout inside of the outline stays unknown.
+
+use super::grid::VoxelGrid;
+use crate::{PastScan, Seen};
+use geometry::PinholeCamera;
+use nalgebra::{Isometry3, Point3};
+
+/// Cells along an axis of the coarse image at most.
+const MAX_CELLS: usize = 512;
+
+/// The coarse image of a scan.
+#[derive(Clone, Debug)]
+pub(super) struct Silhouette {
+    camera_from_world: Isometry3<f64>,
+    /// Cells per unit of x / z and y / z.
+    scale: f64,
+    /// Coordinates of the first cell's corner.
+    corner: [f64; 2],
+    size: [usize; 2],
+    background: Vec<bool>,
+    /// The camera's image in x / z, y / z; absent where it is not known: everything beyond the points is background then.
+    image: Option<[[f64; 2]; 2]>,
+}
+
+impl Silhouette {
+    /// The outline of what a scan measured, `voxel` metres wide cells at the distance of its points, kept `margin` cells
+    /// away from it. `None` where nothing was measured.
+    pub(super) fn of(scan: &PastScan, voxel: f64, margin: usize) -> Option<Self> {
+        let camera_from_world = scan.world_from_camera.inverse();
+        let mut directions = Vec::new();
+        let mut depths = Vec::new();
+        let mut add = |p: &Point3<f64>| {
+            let p = camera_from_world * p;
+            if p.z > 0.0 && p.iter().all(|x| x.is_finite()) {
+                directions.push([p.x / p.z, p.y / p.z]);
+                depths.push(p.z);
+            }
+        };
+        let image = match &scan.seen {
+            Seen::Depth { camera, depth, .. } => {
+                depth.for_each_point(camera, &scan.world_from_camera, |p| add(&p));
+                Some(corners(camera))
+            }
+            Seen::Points(points) => {
+                points.iter().for_each(&mut add);
+                None
+            }
+        };
+        let middle = depths.len() / 2;
+        let (_, &mut depth, _) =
+            depths.get_mut(middle).is_some().then(|| depths.select_nth_unstable_by(middle, f64::total_cmp))?;
+        let low = |k: usize| directions.iter().map(|d| d[k]).fold(f64::INFINITY, f64::min);
+        let high = |k: usize| directions.iter().map(|d| d[k]).fold(f64::NEG_INFINITY, f64::max);
+        let [from, to] = [[low(0), low(1)], [high(0), high(1)]];
+        let widest = (to[0] - from[0]).max(to[1] - from[1]).max(f64::MIN_POSITIVE);
+        // No finer than what is measured: a gap between neighbouring points is no background.
+        let spacing = widest_gap(&directions, from, to);
+        let cell = (voxel / depth).max(spacing).max(widest / MAX_CELLS as f64);
+        let edge = (margin + 2) as f64;
+        let scale = 1.0 / cell;
+        let corner = [from[0] - edge * cell, from[1] - edge * cell];
+        let size = [0, 1].map(|k| ((to[k] - from[k]) * scale + 2.0 * edge).ceil().max(1.0) as usize);
+        let mut measured = vec![false; size[0] * size[1]];
+        for d in &directions {
+            let [x, y] = [0, 1].map(|k| (((d[k] - corner[k]) * scale) as usize).min(size[k] - 1));
+            measured[y * size[0] + x] = true;
+        }
+        let near = (0..margin).fold(measured, |cells, _| widened(&cells, size));
+        let background = outside(&near, size);
+        Some(Self { camera_from_world, scale, corner, size, background, image })
+    }
+
+    /// Whether a point (world frame) lies in front of or behind nothing but background.
+    pub(super) fn is_background(&self, p: &Point3<f64>) -> bool {
+        let p = self.camera_from_world * p;
+        if p.z <= 0.0 {
+            return false;
+        }
+        let [x, y] = [p.x, p.y].map(|x| x / p.z);
+        if self.image.is_some_and(|[from, to]| !(x > from[0] && y > from[1] && x < to[0] && y < to[1])) {
+            return false;
+        }
+        let [x, y] = [(x - self.corner[0]) * self.scale, (y - self.corner[1]) * self.scale];
+        if !(x >= 0.0 && y >= 0.0 && x < self.size[0] as f64 && y < self.size[1] as f64) {
+            return true;
+        }
+        self.background[y as usize * self.size[0] + x as usize]
+    }
+}
+
+/// Corners of the image in x / z, y / z.
+fn corners(camera: &PinholeCamera) -> [[f64; 2]; 2] {
+    let at = |u: f64, v: f64| [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy];
+    [at(-0.5, -0.5), at(f64::from(camera.width) - 0.5, f64::from(camera.height) - 0.5)]
+}
+
+/// Twice the pitch that the directions would have if they were spread evenly over the cells that they fill.
+fn widest_gap(directions: &[[f64; 2]], from: [f64; 2], to: [f64; 2]) -> f64 {
+    const COARSE: usize = 24;
+    let step = ((to[0] - from[0]).max(to[1] - from[1]) / COARSE as f64).max(f64::MIN_POSITIVE);
+    let cell = |d: &[f64; 2]| [0, 1].map(|k| (((d[k] - from[k]) / step) as usize).min(COARSE - 1));
+    let mut filled = vec![false; COARSE * COARSE];
+    directions.iter().map(cell).for_each(|[x, y]| filled[y * COARSE + x] = true);
+    let area = filled.iter().filter(|f| **f).count() as f64 * step * step;
+    2.0 * (area / directions.len().max(1) as f64).sqrt()
+}
+
+/// The cells and their eight neighbours.
+fn widened(cells: &[bool], size: [usize; 2]) -> Vec<bool> {
+    let mut out = vec![false; cells.len()];
+    for y in 0..size[1] {
+        for x in 0..size[0] {
+            if cells[y * size[0] + x] {
+                for v in y.saturating_sub(1)..=(y + 1).min(size[1] - 1) {
+                    let row = v * size[0];
+                    out[row + x.saturating_sub(1)..=row + (x + 1).min(size[0] - 1)].fill(true);
+                }
+            }
+        }
+    }
+    out
+}
+
+/// The empty cells that are connected to the image's edge.
+fn outside(cells: &[bool], size: [usize; 2]) -> Vec<bool> {
+    let [w, h] = size;
+    let mut out = vec![false; cells.len()];
+    let rim = (0..w).flat_map(|x| [(x, 0), (x, h - 1)]).chain((0..h).flat_map(|y| [(0, y), (w - 1, y)]));
+    let mut stack: Vec<(usize, usize)> = rim.collect();
+    while let Some((x, y)) = stack.pop() {
+        let i = y * w + x;
+        if cells[i] || out[i] {
+            continue;
+        }
+        out[i] = true;
+        stack.extend(
+            [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)]
+                .into_iter()
+                .filter(|&(x, y)| x < w && y < h),
+        );
+    }
+    out
+}
+
+impl VoxelGrid {
+    /// Unknown voxels that a scan shows in front of background are free.
+    pub(super) fn carve_background(&mut self, silhouette: &Silhouette) {
+        for k in 0..self.unknown.len() {
+            let i = self.unknown[k];
+            if silhouette.is_background(&self.middle(i)) {
+                Self::free(&mut self.code, &mut self.membrane, i as usize);
+            }
+        }
+        self.forget_known();
+    }
+}
