@@ -166,8 +166,30 @@ mod tests {
     }
 
     #[test]
-    fn normals_of_published_scans() {
-        let Some(golden) = Golden::open("e_depth.safetensors") else { return };
+    fn normals_equal_those_of_open3d() {
+        let golden = Golden::open("scans.safetensors");
+        let mut turned = 0;
+        for object in ["sphere", "torus"] {
+            let name = |field: &str| format!("{object}.{field}");
+            let expected = golden.cloud(&name("scan"));
+            let camera = golden.points(&name("camera"))[0];
+            let mut ours = PointCloud { normals: estimate_normals(&expected.points, 20), points: expected.points };
+            orient_normals_along(&mut ours, &camera.coords);
+            for (a, b) in ours.normals.iter().zip(&expected.normals) {
+                assert!((a - b).norm() < 1e-5, "{object}: {a} against {b}");
+            }
+            let along = ours.normals.clone();
+            orient_normals_toward(&mut ours, &camera);
+            let flipped: Vec<usize> = (0..along.len()).filter(|&i| along[i].dot(&ours.normals[i]) < 0.0).collect();
+            assert_eq!(flipped, golden.indices(&name("turned")), "{object}");
+            turned += flipped.len();
+        }
+        assert!(turned > 0, "the two orientations must differ for this to show anything");
+    }
+
+    #[test]
+    fn bonus_normals_of_published_scans() {
+        let Some(golden) = Golden::bonus("e_depth.safetensors") else { return };
         let (mut total, mut off) = (0, 0);
         for object in ["bunny", "teapot"] {
             for pose in 0..3 {
