@@ -139,9 +139,10 @@ def boundary(clouds):
             f"{name}.neighbour_index": ids.numpy().astype(np.int32),
             f"{name}.neighbour_count": counts.numpy().astype(np.int32),
         }
+        least = np.linalg.norm(normals, axis=1).min()
         flags = [out[f"{name}.{mask}"] for mask in ("mask", "plain_mask", "quarter_mask")]
         print(f"{name}: {len(points)} points, boundary {[int(f.sum()) for f in flags]}, differences from the first"
-              f" {[int((f != flags[0]).sum()) for f in flags]}, normals from {np.linalg.norm(normals, axis=1).min():.2f}")
+              f" {[int((f != flags[0]).sum()) for f in flags]}, least normal {least:.2f}")
     rng = np.random.default_rng(5)
     diagonal = np.ones(3) / np.sqrt(3)
     tilt = np.array([1e-3, 2e-3, 1.0])
@@ -155,10 +156,10 @@ def boundary(clouds):
         at = np.stack(np.meshgrid(np.arange(16), np.arange(16)), 2).reshape(-1, 2) + rng.uniform(-0.2, 0.2, (256, 2))
         points = f32(0.002 * (at[:, :1] * u + at[:, 1:] * np.cross(n, u)))
         normals = f32(np.tile(normal, (256, 1)))
+        masks = [mask(points, normals, 0.006) for mask in (open3d_mask, plain_mask)]
         out |= {f"flat.{name}.points": points.astype(np.float32), f"flat.{name}.normal": normals[:1].astype(np.float32),
-                f"flat.{name}.mask": open3d_mask(points, normals, 0.006),
-                f"flat.{name}.plain_mask": plain_mask(points, normals, 0.006)}
-        print(f"flat {name}: {out[f'flat.{name}.mask'].sum()}, by the definition {out[f'flat.{name}.plain_mask'].sum()}")
+                f"flat.{name}.mask": masks[0], f"flat.{name}.plain_mask": masks[1]}
+        print(f"flat {name}: {masks[0].sum()}, by the definition {masks[1].sum()}")
     return out
 
 
