@@ -12,7 +12,7 @@ use geometry::{CandidateView, View};
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 
-/// Neighbours of the density at a candidate's target (method, 'Network input and output').
+/// Neighbours of the density at a candidate's target (docs/method.md, 'Network input and output').
 const DENSITY_NEIGHBORS: usize = 30;
 
 /// Frame histories as a set. What they do not say stays NaN: coverage and overlap.

@@ -1,4 +1,5 @@
-//! Boundary points of a cloud by the angle criterion (Bendels et al. 2006; method, 'Boundary and candidate views', 2).
+//! Boundary points of a cloud by the angle criterion (Bendels et al. 2006; docs/method.md, 'Boundary and candidate
+//! views', 2).
 
 use crate::PointCloud;
 use crate::neighbors::{NeighborGrid, Neighborhoods};

@@ -1,4 +1,4 @@
-//! Candidate views at the boundary of a cloud (method, 'Boundary and candidate views').
+//! Candidate views at the boundary of a cloud (docs/method.md, 'Boundary and candidate views').
 
 use crate::boundary::{BoundaryConfig, boundary_among};
 use crate::cluster::{nearest_neighbor_order, representatives};

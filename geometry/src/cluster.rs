@@ -1,4 +1,5 @@
-//! Representatives of a point set by k-means, and their order (method, 'Boundary and candidate views', 3 and 4).
+//! Representatives of a point set by k-means, and their order (docs/method.md, 'Boundary and candidate views', 3
+//! and 4).
 
 use nalgebra::Point3;
 use rand::distributions::{Distribution, WeightedIndex};

@@ -1,4 +1,4 @@
-//! Coverage, overlap, and the score that weighs them (method, 'Setting' and 'Score').
+//! Coverage, overlap, and the score that weighs them (docs/method.md, 'Setting' and 'Score').
 
 use crate::PointCloud;
 use crate::neighbors::NeighborGrid;
@@ -34,7 +34,8 @@ pub fn share_within(points: &[Point3<f64>], grid: &NeighborGrid, tolerance: f64)
 }
 
 /// The surface points that have a cloud point strictly closer than `tolerance` metres, in their order, each with the
-/// normal of the nearest cloud point: what the published code keeps as its accumulated cloud (baselines, section 3).
+/// normal of the nearest cloud point: what the published code keeps as its accumulated cloud (docs/method.md,
+/// 'Setting').
 pub fn matched_surface(cloud: &PointCloud, surface: &[Point3<f64>], tolerance: f64) -> PointCloud {
     let grid = NeighborGrid::new(&cloud.points, 2.0 * tolerance);
     let mut matched = PointCloud::default();

@@ -1,4 +1,4 @@
-//! Local density of a cloud at candidate targets (method, 'Network input and output').
+//! Local density of a cloud at candidate targets (docs/method.md, 'Network input and output').
 
 use crate::neighbors::NeighborGrid;
 use nalgebra::Point3;

@@ -1,4 +1,4 @@
-//! Figures of merit of an episode (method, 'Metrics').
+//! Figures of merit of an episode (docs/method.md, 'Metrics').
 
 use crate::neighbors::NeighborGrid;
 use nalgebra::Point3;

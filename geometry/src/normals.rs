@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 /// Unit normals, each up to its sign: direction of least spread of the `neighbors` nearest points, the point itself
-/// included (method: 20). Where the neighbours do not span a plane (under three points, a line, one spot) the answer
-/// is some unit vector perpendicular to them, (0, 0, 1) if nothing is known; so too for non-finite points.
+/// included (docs/method.md: 20). Where the neighbours do not span a plane (under three points, a line, one spot) the
+/// answer is some unit vector perpendicular to them, (0, 0, 1) if nothing is known; so too for non-finite points.
 pub fn estimate_normals(points: &[Point3<f64>], neighbors: usize) -> Vec<Vector3<f64>> {
     let near = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), neighbors);
     (0..points.len()).map(|i| least_spread(&covariance(points, &points[i], near.ids(i)))).collect()

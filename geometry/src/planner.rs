@@ -54,9 +54,9 @@ pub struct ScanState {
     pub num_scans: usize,
     /// Voxel edge of the accumulated cloud, metres: the mean nearest-neighbour distance of the first scan.
     pub grid_size: f64,
-    /// Distance from target to camera that the next view shall have, metres (method: 1.2).
+    /// Distance from target to camera that the next view shall have, metres (docs/method.md: 1.2).
     pub working_distance: f64,
-    /// Distance under which two points count as the same surface, metres (method: 0.002).
+    /// Distance under which two points count as the same surface, metres (docs/method.md: 0.002).
     pub tolerance: f64,
     /// Camera that will take the next scan.
     pub camera: PinholeCamera,
@@ -76,7 +76,8 @@ impl ScanState {
     }
 }
 
-/// A candidate for the next view, made at a boundary point of the cloud (method, 'Boundary and candidate views').
+/// A candidate for the next view, made at a boundary point of the cloud (docs/method.md, 'Boundary and candidate
+/// views').
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CandidateView {
     /// Target (the boundary point) and camera position.
