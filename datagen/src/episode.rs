@@ -55,7 +55,7 @@ impl ImageConfig {
     }
 }
 
-/// Settings of an episode (method, 'Setting').
+/// Settings of an episode (docs/method.md, 'Setting').
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EpisodeConfig {

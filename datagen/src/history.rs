@@ -13,7 +13,7 @@ use nalgebra::Point3;
 use planning::CandidateView;
 use std::path::{Path, PathBuf};
 
-/// Neighbours of the density at a candidate's target (method, 'Network input and output').
+/// Neighbours of the density at a candidate's target (docs/method.md, 'Network input and output').
 const DENSITY_NEIGHBORS: usize = 30;
 
 /// Frame histories as a set. What they do not say stays NaN: coverage and overlap.
@@ -193,17 +193,36 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_published_history_becomes_a_set() {
-        let bin =
-            Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/golden/h_frame_history_teapot_3scans.bin"));
-        if !bin.exists() {
-            println!("skipped: {bin:?} is absent");
-            return;
-        }
+    fn becomes_a_set(bin: &Path) {
         let set = tempfile::tempdir().unwrap();
         let manifest = import(&[bin.to_owned()], set.path(), 0.2, 0).unwrap();
         assert_eq!(manifest.num_samples(), 3);
         assert!(crate::verify::verify(set.path()).unwrap().is_sound());
+        let back = set.path().join("back");
+        assert_eq!(export(set.path(), &back).unwrap(), (1, 0));
+        let name = bin.file_name().unwrap();
+        let (ours, theirs) = (read_frame_history(&back.join(name)).unwrap(), read_frame_history(bin).unwrap());
+        for (a, b) in ours.iter().zip(&theirs) {
+            assert_eq!(
+                (a.cloud.len(), &a.candidates, &a.scores, a.next),
+                (b.cloud.len(), &b.candidates, &b.scores, b.next)
+            );
+        }
+    }
+
+    #[test]
+    fn an_independently_written_history_becomes_a_set() {
+        becomes_a_set(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/frame_history.bin")));
+    }
+
+    #[test]
+    fn bonus_the_published_history_becomes_a_set() {
+        let bin =
+            Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/golden/h_frame_history_teapot_3scans.bin"));
+        if bin.exists() {
+            becomes_a_set(bin);
+        } else {
+            println!("bonus test skipped: the published frame history is not beside this checkout");
+        }
     }
 }

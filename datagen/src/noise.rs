@@ -42,7 +42,7 @@ impl Default for NoiseConfig {
 }
 
 impl NoiseConfig {
-    /// Only axial noise, of this standard deviation in metres at 1.2 m (planner, section 1).
+    /// Only axial noise, of this standard deviation in metres at 1.2 m.
     pub fn axial(sigma_m: f64) -> Self {
         Self {
             axial_sigma_m: sigma_m,

@@ -30,7 +30,7 @@ pub enum Renderer {
     Rays,
 }
 
-/// Settings of the simulated depth camera (method, 'Setting'; baselines, section 2).
+/// Settings of the simulated depth camera (docs/method.md, 'Setting').
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RenderConfig {
@@ -65,7 +65,7 @@ impl Default for RenderConfig {
 }
 
 impl RenderConfig {
-    /// The published simulator: shifted by a pixel, back faces culled (baselines, section 2).
+    /// The published simulator: shifted by a pixel, back faces culled (docs/method.md, 'Setting').
     pub fn paper() -> Self {
         Self { cull_back_faces: true, pixel_shift: true, ..Self::default() }
     }
@@ -78,7 +78,7 @@ pub struct RenderScratch {
     image: DepthImage,
 }
 
-/// Above this number of triangles rays are faster than rasterising (geometry, section 1).
+/// Above this number of triangles rays are faster than rasterising (measured).
 const MAX_RASTER_TRIANGLES: usize = 1_000_000;
 
 /// An object in the simulator. Shared freely between threads.

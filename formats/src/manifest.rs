@@ -36,7 +36,7 @@ pub enum Fate {
         coverage: Vec<f64>,
         /// Overlap of each next view's scan with the cloud before it.
         overlap: Vec<f64>,
-        /// Episodes that were void (method, 'Setting') and drawn again.
+        /// Episodes that were void (docs/method.md, 'Setting') and drawn again.
         void_episodes: usize,
     },
     /// It cannot be used.

@@ -37,7 +37,7 @@ pub struct Sample {
     pub coverage: Vec<f64>,
     /// Overlap of each candidate's scan with the cloud, in [0, 1]; NaN where a foreign set does not say.
     pub overlap: Vec<f64>,
-    /// Score of each candidate (method, 'Score'), in [0, 1].
+    /// Score of each candidate (docs/method.md, 'Score'), in [0, 1].
     pub scores: Vec<f64>,
     /// Coverage before the decision; NaN where a foreign set does not say.
     pub current_coverage: f64,

@@ -1,4 +1,4 @@
-//! Real and awkward files in `../shared`, and the golden frame history; skipped in words where absent.
+//! Real and awkward files beside the checkout, skipped in words where absent, and a frame history of `tests/data`.
 
 use formats::frame_history::{parse_frame_history, write_frame_history};
 use formats::{FormatError, cloud, mesh, read_cloud, read_mesh};
@@ -170,17 +170,28 @@ fn objects_agree_with_an_independent_reader() {
 }
 
 #[test]
-fn golden_frame_history_both_ways() {
-    let (Some(path), Some(golden)) = (
-        shared("golden/h_frame_history_teapot_3scans.bin"),
-        shared("golden/h_frame_history_teapot_3scans.safetensors"),
-    ) else {
-        return;
+fn an_independently_written_frame_history_both_ways() {
+    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data"));
+    frame_history_both_ways(&data.join("frame_history.bin"), &data.join("frame_history.safetensors"));
+}
+
+#[test]
+fn bonus_golden_frame_history_both_ways() {
+    if let (Some(path), Some(golden)) =
+        (shared("golden/h_frame_history_teapot_3scans.bin"), shared("golden/h_frame_history_teapot_3scans.safetensors"))
+    {
+        frame_history_both_ways(&path, &golden);
+    }
+}
+
+fn frame_history_both_ways(path: &Path, golden: &Path) {
+    let read = |path: &Path| {
+        std::fs::read(path).unwrap_or_else(|e| panic!("{path:?}: {e}; tests/reference/make_frame_history.py makes it"))
     };
-    let bytes = std::fs::read(&path).unwrap();
-    let frames = parse_frame_history(&path, &bytes).unwrap();
+    let bytes = read(path);
+    let frames = parse_frame_history(path, &bytes).unwrap();
     assert_eq!(frames.len(), 3);
-    let golden = std::fs::read(golden).unwrap();
+    let golden = read(golden);
     let golden = safetensors::SafeTensors::deserialize(&golden).unwrap();
     for (i, frame) in frames.iter().enumerate() {
         let values = |name: &str| -> Vec<f64> {

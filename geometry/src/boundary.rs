@@ -1,4 +1,5 @@
-//! Boundary points of a cloud by the angle criterion (Bendels et al. 2006; method, 'Boundary and candidate views', 2).
+//! Boundary points of a cloud by the angle criterion (Bendels et al. 2006; docs/method.md, 'Boundary and candidate
+//! views', 2).
 
 use crate::PointCloud;
 use crate::neighbors::{NeighborGrid, Neighborhoods};
@@ -175,12 +176,6 @@ mod tests {
     use crate::rng::stream;
     use rand::Rng;
 
-    fn mask(n: usize, boundary: &[usize]) -> Vec<u8> {
-        let mut mask = vec![0; n];
-        boundary.iter().for_each(|&i| mask[i] = 1);
-        mask
-    }
-
     fn plane(pitch: f64) -> PointCloud {
         let points = (0..400).map(|i| Point3::new(f64::from(i % 20) * pitch, f64::from(i / 20) * pitch, 0.0)).collect();
         PointCloud { points, normals: vec![Vector3::z(); 400] }
@@ -241,45 +236,91 @@ mod tests {
         }
     }
 
+    const PUBLISHED: BoundaryConfig = BoundaryConfig { neighbors: 30, max_gap_deg: 120.0, published_frame: true };
+
+    /// Flags that differ from the recorded ones.
+    fn wrong_flags(golden: &Golden, mask: &str, cloud: &PointCloud, radius: f64, config: &BoundaryConfig) -> usize {
+        let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+        let mut ours = vec![0; cloud.len()];
+        boundary_among(cloud, &nearby, radius, config).into_iter().for_each(|i| ours[i] = 1);
+        let expected = golden.u8(mask);
+        assert_eq!(ours.len(), expected.len(), "{mask}");
+        ours.iter().zip(expected).filter(|&(a, b)| *a != b).count()
+    }
+
+    /// Neighbourhoods, from that of the first point on, that differ from the recorded ones.
+    fn wrong_neighborhoods(golden: &Golden, name: &str, nearby: &Neighborhoods) -> usize {
+        let sorted = |ids: &mut dyn Iterator<Item = i32>| {
+            let mut ids: Vec<i32> = ids.collect();
+            ids.sort_unstable();
+            ids
+        };
+        let expected = golden.i32(&format!("{name}.neighbour_index"));
+        let differ = |&(i, known): &(usize, &[i32])| {
+            let count = known.iter().filter(|&&j| j >= 0).count();
+            sorted(&mut known.iter().copied().filter(|&j| j >= 0))
+                != sorted(&mut nearby.ids(i)[..count].iter().map(|&j| j as i32))
+        };
+        expected.chunks_exact(30).enumerate().filter(differ).count()
+    }
+
     #[test]
-    fn masks_equal_the_published_ones() {
-        let config = BoundaryConfig { published_frame: true, ..BoundaryConfig::default() };
-        if let Some(golden) = Golden::open("b_boundary.safetensors") {
+    fn masks_and_neighborhoods_equal_those_of_open3d() {
+        let golden = Golden::open("boundary.safetensors");
+        for name in ["sphere", "torus"] {
+            let mut cloud = golden.cloud_of(name);
+            let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+            let radius = golden.f64(&format!("{name}.radius"))[0];
+            assert!((nearby.mean_distance() - radius).abs() < 1e-6 * radius, "{name}: radius");
+            assert_eq!(wrong_neighborhoods(&golden, name, &nearby), 0, "{name}");
+            for (i, count) in golden.indices(&format!("{name}.neighbour_count")).into_iter().enumerate() {
+                let within = nearby.distances2(i).iter().filter(|&&d2| f64::from(d2).sqrt() < radius).count();
+                assert_eq!(within, count, "{name}: within the radius of point {i}");
+            }
+            let wrong = |mask: &str, cloud: &PointCloud, config: &BoundaryConfig| {
+                wrong_flags(&golden, &format!("{name}.{mask}"), cloud, radius, config)
+            };
+            assert_eq!(wrong("mask", &cloud, &PUBLISHED), 0, "{name}");
+            assert_eq!(wrong("plain_mask", &cloud, &BoundaryConfig::default()), 0, "{name}");
+            cloud.normals.iter_mut().for_each(|n| *n *= 0.25);
+            assert_eq!(wrong("quarter_mask", &cloud, &PUBLISHED), 0, "{name}: short normals");
+            assert_eq!(wrong("plain_mask", &cloud, &BoundaryConfig::default()), 0, "{name}: short normals");
+        }
+    }
+
+    #[test]
+    fn flat_masks_equal_those_of_open3d() {
+        let golden = Golden::open("boundary.safetensors");
+        for name in ["z", "minus_z", "tilt1e-3", "x", "diag111", "half_length_tilt"] {
+            let points = golden.points(&format!("flat.{name}.points"));
+            let normal = golden.points(&format!("flat.{name}.normal"))[0].coords;
+            let cloud = PointCloud { normals: vec![normal; points.len()], points };
+            for (mask, config) in [("mask", PUBLISHED), ("plain_mask", BoundaryConfig::default())] {
+                let wrong = wrong_flags(&golden, &format!("flat.{name}.{mask}"), &cloud, 0.006, &config);
+                assert_eq!(wrong, 0, "{name}.{mask}");
+            }
+        }
+    }
+
+    #[test]
+    fn bonus_masks_equal_the_published_ones() {
+        if let Some(golden) = Golden::bonus("b_boundary.safetensors") {
             for name in ["bunny_after1", "horse_after3", "teapot_after2"] {
-                let field = |f: &str| format!("{name}.{f}");
-                let (points, normals) = (golden.points(&field("points")), golden.points(&field("normals")));
-                let cloud = PointCloud { points, normals: normals.iter().map(|n| n.coords).collect() };
+                let cloud = golden.cloud_of(name);
                 let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
-                let radius = golden.f64(&field("radius"))[0];
+                let radius = golden.f64(&format!("{name}.radius"))[0];
                 assert!((nearby.mean_distance() - radius).abs() < 1e-6 * radius, "{name}: radius");
-                let expected = golden.i32(&field("neighbour_index"));
-                let differ = (0..cloud.len())
-                    .filter(|&i| {
-                        let known = &expected[30 * i..30 * (i + 1)];
-                        let count = known.iter().filter(|&&j| j >= 0).count();
-                        let mut a: Vec<i32> = known[..count].to_vec();
-                        let mut b: Vec<i32> = nearby.ids(i)[..count].iter().map(|&j| j as i32).collect();
-                        a.sort_unstable();
-                        b.sort_unstable();
-                        a != b
-                    })
-                    .count();
+                let differ = wrong_neighborhoods(&golden, name, &nearby);
                 assert!(differ * 200 < cloud.len(), "{name}: {differ} neighbourhoods differ");
-                let ours = mask(cloud.len(), &boundary_among(&cloud, &nearby, radius, &config));
-                let wrong = ours.iter().zip(golden.u8(&field("mask"))).filter(|&(a, b)| *a != b).count();
+                let wrong = wrong_flags(&golden, &format!("{name}.mask"), &cloud, radius, &PUBLISHED);
                 assert!(wrong * 200 <= cloud.len(), "{name}: {wrong} of {} differ", cloud.len());
                 println!("{name}: {wrong} of {} boundary flags differ", cloud.len());
             }
         }
-        if let Some(golden) = Golden::open("b_boundary_flat.safetensors") {
+        if let Some(golden) = Golden::bonus("b_boundary_flat.safetensors") {
             let radius = golden.f64("radius")[0];
             for name in ["z", "minus_z", "tilt1e-3", "x", "diag111", "half_length_tilt"] {
-                let field = |f: &str| format!("{name}.{f}");
-                let (points, normals) = (golden.points(&field("points")), golden.points(&field("normals")));
-                let cloud = PointCloud { points, normals: normals.iter().map(|n| n.coords).collect() };
-                let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
-                let ours = mask(cloud.len(), &boundary_among(&cloud, &nearby, radius, &config));
-                let wrong = ours.iter().zip(golden.u8(&field("mask"))).filter(|&(a, b)| *a != b).count();
+                let wrong = wrong_flags(&golden, &format!("{name}.mask"), &golden.cloud_of(name), radius, &PUBLISHED);
                 assert!(wrong <= 1, "{name}: {wrong} of 256 differ");
             }
         }

@@ -1,4 +1,4 @@
-//! The pinhole camera and its depth image (method, 'Setting').
+//! The pinhole camera and its depth image (docs/method.md, 'Setting').
 
 use nalgebra::{Isometry3, Point2, Point3};
 

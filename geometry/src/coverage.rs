@@ -1,4 +1,4 @@
-//! Coverage, overlap, and the score that weighs them (method, 'Setting' and 'Score').
+//! Coverage, overlap, and the score that weighs them (docs/method.md, 'Setting' and 'Score').
 
 use crate::PointCloud;
 use crate::neighbors::NeighborGrid;
@@ -34,7 +34,8 @@ pub fn share_within(points: &[Point3<f64>], grid: &NeighborGrid, tolerance: f64)
 }
 
 /// The surface points that have a cloud point strictly closer than `tolerance` metres, in their order, each with the
-/// normal of the nearest cloud point: what the published code keeps as its accumulated cloud (baselines, section 3).
+/// normal of the nearest cloud point: what the published code keeps as its accumulated cloud (docs/method.md,
+/// 'Setting').
 pub fn matched_surface(cloud: &PointCloud, surface: &[Point3<f64>], tolerance: f64) -> PointCloud {
     let grid = NeighborGrid::new(&cloud.points, 2.0 * tolerance);
     let mut matched = PointCloud::default();
@@ -75,6 +76,7 @@ pub fn score_view(coverage: f64, overlap: Option<f64>, current_coverage: f64) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::VoxelOrigin;
     use crate::golden::Golden;
 
     #[test]
@@ -97,10 +99,9 @@ mod tests {
         assert_eq!(overlap(&cloud, &[], 0.002), Some(0.0));
     }
 
-    #[test]
-    fn scores_equal_the_published_ones() {
-        let Some(golden) = Golden::open("d_score.safetensors") else { return };
+    fn scores_equal(golden: &Golden, rows: usize) {
         let [c, o, now, score] = ["coverage", "overlap", "current_coverage", "score"].map(|name| golden.f64(name));
+        assert_eq!(score.len(), rows);
         for i in 0..score.len() {
             let ours = score_view(c[i], Some(o[i]), now[i]).score;
             assert!((ours - score[i]).abs() < 1e-9, "row {i}: {ours} against {}", score[i]);
@@ -108,8 +109,41 @@ mod tests {
     }
 
     #[test]
-    fn merged_cloud_coverage_and_overlap_equal_the_published_ones() {
-        let Some(golden) = Golden::open("f_metrics.safetensors") else { return };
+    fn scores_equal_the_definition() {
+        scores_equal(&Golden::open("scores.safetensors"), 443);
+    }
+
+    #[test]
+    fn bonus_scores_equal_the_published_ones() {
+        Golden::bonus("d_score.safetensors").into_iter().for_each(|golden| scores_equal(&golden, 1720));
+    }
+
+    #[test]
+    fn coverage_overlap_and_matches_equal_those_of_open3d() {
+        let golden = Golden::open("scans.safetensors");
+        for object in ["sphere", "torus"] {
+            let name = |field: &str| format!("{object}.{field}");
+            let (existing, scan) = (golden.cloud(&name("existing")), golden.cloud(&name("scan")));
+            let mut merged = existing.clone();
+            merged.merge(&scan);
+            merged = merged.voxel_downsample(golden.f64(&name("grid_size"))[0], VoxelOrigin::CloudMinimum);
+            let surface = golden.points(&name("model"));
+            assert_eq!(coverage(&merged.points, &surface, 0.002), golden.f64(&name("coverage"))[0], "{object}");
+            assert_eq!(overlap(&scan.points, &existing.points, 0.002), Some(golden.f64(&name("overlap"))[0]));
+            let matched = matched_surface(&merged, &surface, 0.002);
+            let expected: Vec<_> = golden.indices(&name("matched")).into_iter().map(|i| surface[i]).collect();
+            assert_eq!(matched.points, expected, "{object}");
+            let normals = golden.cloud(&name("merged")).normals;
+            let expected = golden.indices(&name("matched_to")).into_iter().map(|i| normals[i]);
+            for (ours, expected) in matched.normals.iter().zip(expected) {
+                assert!((ours - expected).norm() < 1e-6, "{object}: normal {ours} for {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn bonus_merged_cloud_coverage_and_overlap_equal_the_published_ones() {
+        let Some(golden) = Golden::bonus("f_metrics.safetensors") else { return };
         for object in ["bunny", "teapot"] {
             let name = |field: &str| format!("{object}.{field}");
             let surface = golden.points(&name("model_points_60k_voxelised"));

@@ -1,4 +1,4 @@
-//! Local density of a cloud at candidate targets (method, 'Network input and output').
+//! Local density of a cloud at candidate targets (docs/method.md, 'Network input and output').
 
 use crate::neighbors::NeighborGrid;
 use nalgebra::Point3;
@@ -27,18 +27,41 @@ mod tests {
     use super::*;
     use crate::golden::Golden;
 
+    fn densities_equal(points: &[Point3<f64>], targets: &[Point3<f64>], expected: &[f64]) {
+        let ours = densities(points, targets, 30);
+        assert_eq!(ours.len(), expected.len());
+        let largest = ours.iter().copied().fold(0.0, f64::max);
+        for (a, b) in ours.iter().zip(expected) {
+            assert!((a / largest - b).abs() < 1e-6, "{} against {b}", a / largest);
+        }
+    }
+
     #[test]
-    fn densities_equal_the_published_ones() {
-        let Some(golden) = Golden::open("g_density.safetensors") else { return };
+    fn densities_equal_those_of_scipy() {
+        let (clouds, golden) = (Golden::open("boundary.safetensors"), Golden::open("views.safetensors"));
+        for name in ["sphere", "torus"] {
+            let field = |f: &str| format!("{name}.{f}");
+            let mut points = clouds.points(&field("points"));
+            let chosen = golden.indices(&field("representative_index"));
+            let order = golden.indices(&field("nearest_sort_order"));
+            let targets: Vec<_> = order.into_iter().map(|i| points[chosen[i]]).collect();
+            densities_equal(&points, &targets, &golden.f64(&field("density")));
+            points.resize(4096, Point3::origin());
+            densities_equal(&points, &targets, &golden.f64(&field("density_padded4096")));
+        }
+        let at = |z: f64| Point3::new(0.0, 0.0, z);
+        let absolute = densities(&[at(0.0), at(0.1), at(0.3)], &[at(0.0)], 3)[0];
+        assert!((absolute - 1.0 / (0.4 / 3.0 + 1e-6)).abs() < 1e-5, "{absolute}");
+    }
+
+    #[test]
+    fn bonus_densities_equal_the_published_ones() {
+        let Some(golden) = Golden::bonus("g_density.safetensors") else { return };
         for name in ["bunny_after1", "horse_after3", "teapot_after2"] {
-            let targets = golden.points_f32(&format!("{name}.targets"));
+            let targets = golden.points(&format!("{name}.targets"));
             for (cloud, expected) in [("points", "density"), ("padded4096", "density_padded4096")] {
-                let points = golden.points_f32(&format!("{name}.{cloud}"));
-                let ours = densities(&points, &targets, 30);
-                let largest = ours.iter().copied().fold(0.0, f64::max);
-                for (a, b) in ours.iter().zip(golden.f32(&format!("{name}.{expected}"))) {
-                    assert!((a / largest - f64::from(b)).abs() < 1e-6, "{name}.{cloud}: {} against {b}", a / largest);
-                }
+                let points = golden.points(&format!("{name}.{cloud}"));
+                densities_equal(&points, &targets, &golden.f64(&format!("{name}.{expected}")));
             }
         }
     }

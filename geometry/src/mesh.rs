@@ -27,7 +27,7 @@ impl Mesh {
     }
 
     /// The mesh centred on the mean of its vertices and scaled so that its bounding-box diagonal is
-    /// `diagonal` (method: 0.2 m). A mesh without extent is only centred.
+    /// `diagonal` (docs/method.md: 0.2 m). A mesh without extent is only centred.
     pub fn normalized(&self, diagonal: f64) -> Mesh {
         let (low, high) = self.bounding_box();
         let extent = (high - low).norm();

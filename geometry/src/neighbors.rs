@@ -308,7 +308,7 @@ impl NeighborGrid {
     }
 }
 
-/// Mean distance from each point to the nearest other one, metres: the *grid size* of a first scan (method,
+/// Mean distance from each point to the nearest other one, metres: the *grid size* of a first scan (docs/method.md,
 /// 'Setting'). 0 for fewer than two points. Non-finite points do not count.
 pub fn mean_spacing(points: &[Point3<f64>]) -> f64 {
     mean_spacing_among(points, &NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 2))

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// A camera position that looks at a target (method, 'Setting').
+/// A camera position that looks at a target (docs/method.md, 'Setting').
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct View {
     /// The point looked at.
@@ -24,7 +24,7 @@ impl View {
     }
 
     /// The camera pose with the published up vector: with b = unit(camera - target), up = b x unit(z x b),
-    /// and (0, sign(b_z), 0) where b is +-z (baselines, section 3).
+    /// and (0, sign(b_z), 0) where b is +-z (docs/method.md, 'Setting').
     pub fn world_from_camera(&self) -> Isometry3<f64> {
         self.world_from_camera_with_up(&self.published_up())
     }

@@ -1,4 +1,4 @@
-//! BENBV-Net (method, 'Network, layer by layer').
+//! BENBV-Net (docs/method.md, 'Network, layer by layer').
 
 use crate::blocks::{self, EncoderBn, EncoderLn, LinearBn, LinearLn, ResBlock, SelfAttention};
 use crate::config::BenbvNetConfig;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Sizes of [`BenbvNet`](crate::BenbvNet); the default is the published network with 5.4 million parameters
-/// (method, 'Network, layer by layer').
+/// (docs/method.md, 'Network, layer by layer').
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BenbvNetConfig {

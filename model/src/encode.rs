@@ -1,4 +1,5 @@
-//! From observations to tensors: the only way, for trainer and planner alike (method, 'Network input and output').
+//! From observations to tensors: the only way, for trainer and planner alike (docs/method.md, 'Network input and
+//! output').
 //!
 //! Two steps, so that a loader's threads can do the first: [`encode`] makes plain arrays of one observation
 //! (normalised, resampled), [`to_input`] pads a batch of them and uploads it.
@@ -12,7 +13,7 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Frame and scale in which the network sees a cloud (method, 'Real clouds').
+/// Frame and scale in which the network sees a cloud (docs/method.md, 'Real clouds').
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Normalisation {
@@ -83,7 +84,7 @@ impl EncodeConfig {
     }
 }
 
-/// Diagonal of a normalised object's bounding box, metres (method, 'Setting').
+/// Diagonal of a normalised object's bounding box, metres (docs/method.md, 'Setting').
 pub const OBJECT_DIAGONAL: f64 = 0.2;
 
 /// Why an observation cannot be encoded.

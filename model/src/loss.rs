@@ -1,4 +1,4 @@
-//! The loss of BENBV-Net (method, 'Network input and output').
+//! The loss of BENBV-Net (docs/method.md, 'Network input and output').
 
 use burn::tensor::{Tensor, TensorData};
 

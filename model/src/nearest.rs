@@ -6,7 +6,8 @@ use std::collections::HashSet;
 
 /// For every point the `k` nearest others in the features [B*N, C] of its own cloud, as rows of the same table,
 /// [B*N*k]. The nearest of k + 1 is dropped as the point itself. Exact duplicates are pushed away, all but their first
-/// copy, by the cloud's largest distance (pc-nbv, section 3). Ties go to the lower index. Needs N > k.
+/// copy, by the cloud's largest distance, as PC-NBV's PyTorch re-implementation does. Ties go to the lower
+/// index. Needs N > k.
 ///
 /// On the CPU whatever the device: indices carry no gradient, and the choice must not depend on it.
 pub(crate) fn nearest_in_feature_space(features: &Tensor<2>, b: usize, n: usize, k: usize) -> Tensor<1, Int> {

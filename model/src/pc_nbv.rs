@@ -1,5 +1,5 @@
 //! PC-NBV (Zeng et al., IROS 2020), the network of its PyTorch re-implementation: which of 33 fixed views adds most
-//! surface (pc-nbv, section 3).
+//! surface.
 
 use crate::blocks::{self, LinearBn};
 use crate::nearest::nearest_in_feature_space;
@@ -27,7 +27,7 @@ const EXTRACTED: usize = FEATURE + 4 * EDGE;
 /// Channels of the attention unit: features, global feature, state.
 const UNIT: usize = 2 * EXTRACTED + VIEWS;
 
-/// Unit vectors from the origin to the 33 cameras, y up, in the order of the published list (pc-nbv, section 2).
+/// Unit vectors from the origin to the 33 cameras, y up, in the order of the published list.
 pub fn view_directions() -> [Vector3<f64>; VIEWS] {
     let mut views = [Vector3::y(); VIEWS];
     let elevations = [-60.0f64, -30.0, 0.0, 30.0];
@@ -145,7 +145,7 @@ impl Network for PcNbvNet {
     }
 }
 
-/// Sum over batch and views of (prediction - target)^2, targets [B, 33] (pc-nbv, section 5; weight decay is the
+/// Sum over batch and views of (prediction - target)^2, targets [B, 33] (PC-NBV's loss; weight decay is the
 /// optimizer's).
 pub fn gain_loss(prediction: Tensor<2>, target: Tensor<2>) -> Tensor<1> {
     let difference = prediction - target;

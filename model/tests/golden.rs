@@ -1,5 +1,5 @@
-//! The published network's golden values (outside the repository; skipped, saying so, where absent) and those of a
-//! tiny network of our own, made by `tests/reference/make_tiny.py`: scores, loss, gradients, statistics, AdamW.
+//! Golden values of PyTorch: of a tiny network, in `tests/data`, made by `tests/reference/make_tiny.py`, and, as a bonus
+//! that says when it is skipped, of the published one: scores, loss, gradients, statistics, AdamW.
 
 mod common;
 
@@ -9,6 +9,8 @@ use burn::tensor::{Device, Tensor};
 use common::{Golden, gradients, parameters, relative_l2};
 use model::published::Precision;
 use model::{BenbvNet, BenbvNetConfig, checkpoint, position_weighted_loss};
+use std::collections::BTreeMap;
+use std::path::Path;
 
 fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
@@ -24,8 +26,8 @@ fn without_dropout(config: BenbvNetConfig) -> BenbvNetConfig {
 }
 
 fn golden_net() -> Option<(BenbvNet, Golden)> {
-    let io = Golden::open("a_net_io.safetensors")?;
-    let file = common::golden_file("a_net_state_f32.safetensors")?;
+    let io = Golden::read(&common::bonus_file("a_net_io.safetensors")?);
+    let file = common::bonus_file("a_net_state_f32.safetensors")?;
     let config = without_dropout(BenbvNetConfig::paper());
     let net = checkpoint::import_pytorch(&file, &config, &Device::flex()).expect("golden weights load");
     Some((net, io))
@@ -39,7 +41,7 @@ fn tiny_net() -> (BenbvNet, Golden) {
 }
 
 #[test]
-fn golden_scores_and_loss_in_evaluation() {
+fn bonus_golden_scores_and_loss_in_evaluation() {
     let Some((net, io)) = golden_net() else { return };
     let input = io.input(&Device::flex());
     let counts = input.counts.clone();
@@ -56,7 +58,7 @@ fn golden_scores_and_loss_in_evaluation() {
 }
 
 #[test]
-fn golden_training_step() {
+fn bonus_golden_training_step() {
     let Some((net, io)) = golden_net() else { return };
     training_step(net, &io, |name| match name {
         // A winner of the maximum or a ReLU flips by rounding: PyTorch itself is off by 7e-4 there.
@@ -167,9 +169,9 @@ fn check_weights(net: &BenbvNet, io: &Golden, prefix: &str, tolerance: f32) {
 }
 
 #[test]
-fn golden_pth_names_are_read() {
-    let Some(file) = common::golden_file("a_net_small_f32.pth") else { return };
-    let state = common::golden_file("a_net_state_f32.safetensors").expect("beside it");
+fn bonus_golden_pth_names_are_read() {
+    let Some(file) = common::bonus_file("a_net_small_f32.pth") else { return };
+    let state = common::bonus_file("a_net_state_f32.safetensors").expect("beside it");
     let state = Golden::read(&state);
     let tensors = model::published::read_file(&file).expect("readable");
     let mut floats = 0;
@@ -190,8 +192,8 @@ fn golden_pth_names_are_read() {
 }
 
 #[test]
-fn golden_export_is_the_import() {
-    let Some(file) = common::golden_file("a_net_state_f32.safetensors") else { return };
+fn bonus_golden_export_is_the_import() {
+    let Some(file) = common::bonus_file("a_net_state_f32.safetensors") else { return };
     let net: BenbvNet =
         checkpoint::import_pytorch(&file, &BenbvNetConfig::paper(), &Device::flex()).expect("golden weights load");
     let bytes = model::published::to_safetensors(&net, Precision::F32).expect("export");
@@ -203,5 +205,42 @@ fn golden_export_is_the_import() {
             assert_eq!(ours.floats(&name), theirs.floats(&name), "{name}");
         }
     }
+}
+
+/// Floats of a tensor file, before any network is made of them.
+fn floats_of(file: &Path) -> BTreeMap<String, Vec<f32>> {
+    let mut floats = BTreeMap::new();
+    for tensor in model::published::read_file(file).expect("readable") {
+        let name = tensor.name.clone();
+        let data = burn::store::bridge::into_data(tensor).expect("data");
+        if data.dtype() == burn::tensor::DType::F32 {
+            floats.insert(name, data.try_to_vec::<f32>().expect("f32"));
+        }
+    }
+    floats
+}
+
+#[test]
+fn tiny_export_is_the_import_under_the_names_of_pytorch() {
+    let (net, io) = tiny_net();
+    let stored = floats_of(&common::data_folder().join("benbv_tiny.pth"));
+    let ours = Golden::parse(&model::published::to_safetensors(&net, Precision::F32).expect("export"));
+    let mut named: Vec<String> = io.names("grad.").into_iter().chain(io.names("after.")).collect();
+    named.sort();
+    assert!(named.len() > 100, "{}", named.len());
+    let floats: Vec<String> = ours.names("").into_iter().filter(|n| !n.ends_with("num_batches_tracked")).collect();
+    assert_eq!(floats, named, "parameters and running statistics as PyTorch names them");
+    assert!(stored.keys().eq(&named), "the same names in the file");
+    for name in &named {
+        assert_eq!(ours.floats(name), stored[name], "{name}");
+        for recorded in [format!("grad.{name}"), format!("after.{name}")] {
+            assert!(!io.has(&recorded) || ours.shape(name) == io.shape(&recorded), "{name}: {:?}", ours.shape(name));
+        }
+    }
+}
+
+#[test]
+fn the_network_has_the_published_size() {
+    let net = BenbvNetConfig::paper().init(&Device::flex()).materialize();
     assert_eq!(common::parameter_count(&net), 5_425_921);
 }

@@ -1,4 +1,4 @@
-//! PC-NBV: size, view table, invariances (pc-nbv, section 8).
+//! PC-NBV: size, view table, invariances.
 
 mod common;
 

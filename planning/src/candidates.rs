@@ -1,4 +1,4 @@
-//! Candidate views at the boundary of a cloud (method, 'Boundary and candidate views').
+//! Candidate views at the boundary of a cloud (docs/method.md, 'Boundary and candidate views').
 
 use geometry::boundary::{BoundaryConfig, boundary_among};
 use geometry::cluster::{nearest_neighbor_order, representatives};
@@ -173,25 +173,53 @@ mod tests {
         PointCloud { normals: vec![Vector3::z(); points.len()], points }
     }
 
+    /// Compares the outward directions and the cameras of each kind (its name; whether the turn is the full one); the
+    /// indices of their targets.
+    fn directions_equal(
+        golden: &Golden,
+        name: &str,
+        cloud: &PointCloud,
+        cameras: &[(&str, bool)],
+        tolerance: f64,
+    ) -> Vec<usize> {
+        let field = |f: &str| format!("{name}.{f}");
+        let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+        let indices = golden.indices(&field("representative_index"));
+        let sorted: Vec<usize> = golden.indices(&field("nearest_sort_order")).iter().map(|&i| indices[i]).collect();
+        let us = golden.points(&field("view_u"));
+        let angles = golden.f64(&field("angle_deg"));
+        assert_eq!((sorted.len(), us.len()), (20, 20), "{name}");
+        for &(camera, unit_axis) in cameras {
+            let cameras = golden.points(&field(camera));
+            for (position, &i) in sorted.iter().enumerate() {
+                let outward = outward_direction(cloud, &neighborhoods, i);
+                assert!((outward - us[position].coords).norm() < tolerance, "{name}: u of {position}");
+                let angle = angles[position].to_radians();
+                let direction = tilted(&cloud.normals[i].normalize(), &outward, angle, unit_axis);
+                let ours = cloud.points[i] + 1.2 * direction;
+                assert!((ours - cameras[position]).norm() < tolerance, "{name}: {camera} {position}");
+            }
+        }
+        sorted
+    }
+
     #[test]
-    fn directions_equal_the_published_ones() {
-        let Some(golden) = Golden::open("c_views.safetensors") else { return };
+    fn directions_equal_the_definition() {
+        let (clouds, golden) = (Golden::open("boundary.safetensors"), Golden::open("views.safetensors"));
+        let cameras = [("view_camera", false), ("view_camera_unit_axis", true)];
+        for name in ["sphere", "torus"] {
+            directions_equal(&golden, name, &clouds.cloud_of(name), &cameras, 1e-9);
+        }
+    }
+
+    #[test]
+    fn bonus_directions_equal_the_published_ones() {
+        let Some(golden) = Golden::bonus("c_views.safetensors") else { return };
         for name in ["bunny_after1", "horse_after3", "teapot_after2"] {
-            let field = |f: &str| format!("{name}.{f}");
-            let cloud = golden.cloud(&field("cloud"));
-            let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
-            let order = golden.i32(&field("nearest_sort_order"));
-            let indices = golden.i32(&field("representative_index"));
-            let [targets, cameras, us] = ["view_target", "view_camera", "view_u"].map(|f| golden.points(&field(f)));
-            for (position, &sorted) in order.iter().enumerate() {
-                let i = indices[sorted as usize] as usize;
-                let outward = outward_direction(&cloud, &neighborhoods, i);
-                assert!((outward - us[position].coords).norm() < 1e-5, "{name}: u of {position}");
-                let angle = golden.f64(&field("angle_deg"))[position].to_radians();
-                let direction = tilted(&cloud.normals[i].normalize(), &outward, angle, false);
-                let camera = cloud.points[i] + 1.2 * direction;
-                assert!((cloud.points[i] - targets[position]).norm() < 1e-6);
-                assert!((camera - cameras[position]).norm() < 1e-5, "{name}: camera {position}");
+            let cloud = golden.cloud(&format!("{name}.cloud"));
+            let sorted = directions_equal(&golden, name, &cloud, &[("view_camera", false)], 1e-5);
+            for (i, target) in sorted.into_iter().zip(golden.points(&format!("{name}.view_target"))) {
+                assert!((cloud.points[i] - target).norm() < 1e-6, "{name}");
             }
         }
     }

@@ -103,7 +103,7 @@ pub enum NetworkKind {
     PcNbv,
 }
 
-/// Data of PC-NBV (PC-NBV notes, sections 5 and 7).
+/// Data of PC-NBV (Zeng et al., IROS 2020).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PcNbvConfig {

@@ -9,7 +9,7 @@ use planning::CandidateView;
 use rand::seq::SliceRandom;
 use std::path::{Path, PathBuf};
 
-/// Neighbours that the density is taken over (method, 'Network input and output').
+/// Neighbours that the density is taken over (docs/method.md, 'Network input and output').
 const DENSITY_NEIGHBORS: usize = 30;
 
 /// A data set on disk, its shards memory-mapped.

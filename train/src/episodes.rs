@@ -13,7 +13,7 @@ use rayon::prelude::*;
 const FAMILY: u64 = 0x76a1_1da7_e0b7_ec75;
 /// Surface samples per object.
 const SURFACE: usize = 60_000;
-/// Diagonal of an object, metres (method, 'Setting').
+/// Diagonal of an object, metres (docs/method.md, 'Setting').
 const DIAGONAL: f64 = 0.2;
 
 /// An episode on each of the same procedural objects; every planner starts from the same views. Void episodes do not

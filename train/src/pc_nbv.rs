@@ -21,7 +21,7 @@ use rayon::prelude::*;
 const VALIDATION_BATCH: usize = 16;
 /// Surface samples per object.
 const SURFACE: usize = 60_000;
-/// Diagonal of an object, metres (method, 'Setting').
+/// Diagonal of an object, metres (docs/method.md, 'Setting').
 const DIAGONAL: f64 = 0.2;
 
 /// Objects with the states of their episodes.

@@ -1,4 +1,4 @@
-//! Targets for PC-NBV from our simulator (PC-NBV notes, section 7): every object is scanned once from each view of the
+//! Targets for PC-NBV (Zeng et al., IROS 2020) from our simulator: every object is scanned once from each view of the
 //! fixed set; episodes are then unions of what those scans cover.
 
 use datagen::{RenderConfig, Scene};

@@ -208,16 +208,45 @@ fn the_authors_files_train_as_well() {
     assert_eq!((set.num_train(), set.num_validation()), (6, 3), "split by object, never by frame");
     let outcome = run(&tiny_config(), &data, &tmp.path().join("run")).expect("trained");
     assert!(outcome.finished && outcome.epochs[1].valid.decisions == 3);
+}
 
+fn one_history_cannot_be_split(history: &Path) {
+    let frames = formats::frame_history::read_frame_history(history).expect("a frame history");
+    assert_eq!(frames.len(), 3);
+    let text = Dataset::open(history, 0.2, 1).expect_err("one object cannot be split").to_string();
+    assert!(text.contains("at least two usable objects"), "{text}");
+}
+
+#[test]
+fn an_independently_written_frame_history_is_data() {
+    let recorded = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/frame_history.bin"));
+    one_history_cannot_be_split(recorded);
+    let tmp = tempfile::tempdir().expect("temp dir");
+    for name in ["a.bin", "b.bin"] {
+        std::fs::copy(recorded, tmp.path().join(name)).expect("copied");
+    }
+    let set = Dataset::open(tmp.path(), 0.5, 1).expect("opened");
+    assert_eq!((set.num_train(), set.num_validation()), (3, 3));
+    let (mut sizes, frames) = (Vec::new(), formats::frame_history::read_frame_history(recorded).expect("read"));
+    for i in 0..3 {
+        let sample = set.train_sample(i);
+        sizes.push(sample.cloud.len());
+        assert_eq!(sample.scores.len(), 20);
+        let best = |scores: &[f64]| (0..20).max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+        assert_eq!(best(&sample.scores), best(&frames[sample.scan_index].scores));
+    }
+    sizes.sort_unstable();
+    assert_eq!(sizes, [61, 70, 83]);
+}
+
+#[test]
+fn bonus_the_published_frame_history_is_data() {
     let golden =
         Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/golden/h_frame_history_teapot_3scans.bin"));
     if golden.exists() {
-        let frames = formats::frame_history::read_frame_history(golden).expect("the published file");
-        assert_eq!(frames.len(), 3);
-        let text = Dataset::open(golden, 0.2, 1).expect_err("one object cannot be split").to_string();
-        assert!(text.contains("at least two usable objects"), "{text}");
+        one_history_cannot_be_split(golden);
     } else {
-        println!("skipped: no published frame history here");
+        println!("bonus test skipped: the published frame history is not beside this checkout");
     }
 }
 

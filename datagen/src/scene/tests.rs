@@ -151,6 +151,69 @@ fn shared(path: &str) -> Option<PathBuf> {
     path.exists().then_some(path)
 }
 
+/// A tensor's values, each of `N` bytes.
+fn values<const N: usize, T>(bytes: &[u8], name: &str, read: impl Fn([u8; N]) -> T) -> Vec<T> {
+    let tensors = safetensors::SafeTensors::deserialize(bytes).unwrap();
+    let tensor = tensors.tensor(name).unwrap_or_else(|e| panic!("{name}: {e}"));
+    assert_eq!(tensor.data().len(), N * tensor.shape().iter().product::<usize>(), "{name}");
+    tensor.data().as_chunks().0.iter().map(|b| read(*b)).collect()
+}
+
+/// The camera, the mesh and a way to the images of `tests/data/depth.safetensors`.
+fn recorded_rays() -> (PinholeCamera, Scene, Vec<u8>) {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/depth.safetensors");
+    let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{path}: {e}; tests/reference/make_depth.py makes it"));
+    let vertices = values(&bytes, "vertices", f32::from_le_bytes);
+    let triangles = values(&bytes, "triangles", u32::from_le_bytes);
+    let mesh = Mesh {
+        vertices: vertices.chunks_exact(3).map(|v| Point3::new(v[0], v[1], v[2]).cast()).collect(),
+        triangles: triangles.as_chunks().0.to_vec(),
+    };
+    let [width, height, f] = values(&bytes, "width_height_focal", f64::from_le_bytes)[..] else { panic!("three") };
+    let camera =
+        PinholeCamera { width: width as u32, height: height as u32, fx: f, fy: f, cx: width / 2.0, cy: height / 2.0 };
+    (camera, Scene::new(mesh), bytes)
+}
+
+fn recorded_image(bytes: &[u8], name: &str) -> DepthImage {
+    let window = values(bytes, &format!("{name}_window"), u32::from_le_bytes);
+    let depth = values(bytes, name, f32::from_le_bytes);
+    DepthImage { origin: [window[0], window[1]], size: [window[2], window[3]], depth }
+}
+
+#[test]
+fn depth_images_equal_those_of_independent_rays() {
+    let (camera, scene, bytes) = recorded_rays();
+    for pose in 0..3 {
+        let point =
+            |field: &str| Point3::from_slice(&values(&bytes, &format!("pose{pose}.{field}"), f64::from_le_bytes));
+        let view = View { target: point("target"), position: point("camera") };
+        let pose_matrix = view.world_from_camera();
+        for (name, cull_back_faces) in [("depth", false), ("front_depth", true)] {
+            let expected = recorded_image(&bytes, &format!("pose{pose}.{name}"));
+            assert!(hits(&expected) > 800);
+            for renderer in [Renderer::Raster, Renderer::Rays] {
+                let what = format!("pose {pose} {name} {renderer:?}");
+                let config = RenderConfig { cull_back_faces, ..with(renderer) };
+                let ours = scene.depth_image(&camera, &pose_matrix, &config);
+                assert_eq!(differences(&ours, &expected, 5e-6), (0, 0), "{what}");
+                // The published shift looks through the pixel below.
+                let config = RenderConfig { pixel_shift: true, ..config };
+                let shifted = scene.depth_image(&camera, &pose_matrix, &config);
+                let moved = DepthImage { origin: [expected.origin[0], expected.origin[1] - 1], ..expected.clone() };
+                assert_eq!(differences(&shifted, &moved, 5e-6), (0, 0), "{what}, shifted");
+                // Whole millimetres, downwards; not where the depth is within rounding of one.
+                let config = RenderConfig { pixel_shift: false, depth_quantum_m: 0.001, ..config };
+                let coarse = scene.depth_image(&camera, &pose_matrix, &config);
+                let mut floor = expected.clone();
+                floor.depth.iter_mut().for_each(|z| *z = ((f64::from(*z) * 1e3).floor() / 1e3) as f32);
+                let (mask, depth) = differences(&coarse, &floor, 1e-6);
+                assert!(mask == 0 && depth * 500 < hits(&expected), "{what}: {depth} whole millimetres differ");
+            }
+        }
+    }
+}
+
 /// The distinct (position, normal) corners of an OBJ file.
 fn read_obj(path: &Path) -> Mesh {
     let options = tobj::LoadOptions { triangulate: true, single_index: false, ..Default::default() };
@@ -179,31 +242,14 @@ fn read_obj(path: &Path) -> Mesh {
 }
 
 #[test]
-fn golden_depth_images_of_the_published_simulator() {
+fn bonus_depth_images_of_the_published_simulator() {
     let Some(file) = shared("golden/e_depth.safetensors") else {
-        println!("skipped: ../shared/golden is absent");
+        println!("bonus test skipped: depth images of the published simulator are not beside this checkout");
         return;
     };
     let bytes = std::fs::read(file).unwrap();
-    let tensors = safetensors::SafeTensors::deserialize(&bytes).unwrap();
-    let f64s = |name: &str| -> Vec<f64> {
-        tensors
-            .tensor(name)
-            .unwrap()
-            .data()
-            .chunks_exact(8)
-            .map(|b| f64::from_le_bytes(b.try_into().unwrap()))
-            .collect()
-    };
-    let i32s = |name: &str| -> Vec<i32> {
-        tensors
-            .tensor(name)
-            .unwrap()
-            .data()
-            .chunks_exact(4)
-            .map(|b| i32::from_le_bytes(b.try_into().unwrap()))
-            .collect()
-    };
+    let f64s = |name: &str| values(&bytes, name, f64::from_le_bytes);
+    let i32s = |name: &str| values(&bytes, name, i32::from_le_bytes);
     let point = |v: Vec<f64>| Point3::new(v[0], v[1], v[2]);
     let camera = PinholeCamera::default();
     for object in ["bunny", "teapot"] {
@@ -248,9 +294,9 @@ fn golden_depth_images_of_the_published_simulator() {
 }
 
 #[test]
-fn real_meshes_look_the_same_both_ways() {
+fn bonus_real_meshes_look_the_same_both_ways() {
     let Some(folder) = shared("data/repository3d") else {
-        println!("skipped: ../shared/data is absent");
+        println!("bonus test skipped: the 3D Repository's meshes are not beside this checkout");
         return;
     };
     let mut rng = rng::stream(3, "views");

@@ -54,7 +54,7 @@ impl Neighborhoods {
     }
 
     /// Mean over all points of the mean distance to the other k - 1 neighbours, metres; 0 under two points.
-    /// With k = 30 this is the radius of the boundary criterion (method, 'Boundary and candidate views', 1).
+    /// With k = 30 this is the radius of the boundary criterion (docs/method.md, 'Boundary and candidate views', 1).
     pub fn mean_distance(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0usize);
         for i in 0..self.len() {
