@@ -20,6 +20,7 @@ pub mod neighbors;
 pub mod normals;
 pub mod orientation;
 pub mod planner;
+pub mod rank_correlation;
 pub mod rng;
 pub mod sampling;
 pub mod view;
