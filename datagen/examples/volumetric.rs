@@ -10,10 +10,12 @@
 
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, ValueEnum};
+use cpu_time::ThreadTime;
 use datagen::{
     Decision, Episode, EpisodeConfig, RenderConfig, Scene, SearchConfig, SearchPlanner, run_episode, run_episode_with,
     score_views,
 };
+use geometry::rank_correlation::rank_correlation;
 use geometry::rng::stream;
 use geometry::sampling::poisson_disk_sample;
 use geometry::{
@@ -85,9 +87,9 @@ impl Planner for Told {
         for scan in &mut state.scans {
             self.evidence.weaken(scan);
         }
-        let start = cpu_seconds();
+        let start = ThreadTime::now();
         let ranked = self.inner.rank_views(&state, rng);
-        self.seconds.push(cpu_seconds() - start);
+        self.seconds.push(start.elapsed().as_secs_f64());
         self.memory = self.memory.max(self.inner.memory());
         ranked
     }
@@ -108,15 +110,6 @@ impl Evidence {
                 scan.seen = Seen::Points(points);
             }
         }
-    }
-}
-
-/// Processor time of this thread (Linux); wall time elsewhere.
-fn cpu_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    match text.split_whitespace().next().and_then(|t| t.parse::<f64>().ok()) {
-        Some(nanoseconds) => nanoseconds * 1e-9,
-        None => std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64()),
     }
 }
 
@@ -262,7 +255,10 @@ fn report(outcomes: &[Outcome]) {
                 " | {:5.3} {:5.3} | {:5.2} {:5.2} {:7.4} {:7.4} | {:5.3} {:5.3} {:5.3} | {:5.3} {:5.3}",
                 of(&|c| Some(c.coverage[0])),
                 of(&|c| Some(c.coverage[1])),
-                of(&|c| rank_correlation(&c.gains)),
+                of(&|c| {
+                    let side = |k: usize| c.gains.iter().map(|pair| pair[k]).collect::<Vec<_>>();
+                    rank_correlation(&side(0), &side(1))
+                }),
                 of(&|c| c.regret),
                 of(&|c| side(&c.gains, 0)),
                 of(&|c| side(&c.gains, 1)),
@@ -311,19 +307,4 @@ fn cv3(episode: &Episode) -> f64 {
     let mean = average(&first);
     let variance = average(&first.iter().map(|o| (o - mean).powi(2)).collect::<Vec<_>>());
     if mean > 0.0 { 100.0 * variance.sqrt() / mean } else { 0.0 }
-}
-
-/// Spearman's, without regard to ties.
-fn rank_correlation(pairs: &[[f64; 2]]) -> Option<f64> {
-    let n = pairs.len();
-    let ranks = |k: usize| {
-        let mut order: Vec<usize> = (0..n).collect();
-        order.sort_by(|&a, &b| pairs[a][k].total_cmp(&pairs[b][k]));
-        let mut ranks = vec![0.0; n];
-        order.into_iter().enumerate().for_each(|(rank, i)| ranks[i] = rank as f64);
-        ranks
-    };
-    let squares: f64 = ranks(0).iter().zip(ranks(1)).map(|(a, b)| (a - b).powi(2)).sum();
-    let n = n as f64;
-    (n > 2.0).then(|| 1.0 - 6.0 * squares / (n * (n * n - 1.0)))
 }
