@@ -8,6 +8,7 @@
 
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
+use cpu_time::ThreadTime;
 use datagen::{Episode, EpisodeConfig, RenderScratch, Scene, SearchConfig, SearchPlanner, run_episode_with};
 use geometry::{View, rng::stream};
 use nalgebra::Point3;
@@ -107,14 +108,6 @@ fn search(object: &Object, paper: bool, full_length: bool, seed: u64, views: &mu
     .with_context(|| object.name)
 }
 
-/// CPU seconds of this thread; wall time where the system does not tell.
-fn cpu_seconds(start: Instant) -> f64 {
-    let nanoseconds = std::fs::read_to_string("/proc/thread-self/schedstat")
-        .ok()
-        .and_then(|s| s.split_whitespace().next().and_then(|s| s.parse::<f64>().ok()));
-    nanoseconds.map_or(start.elapsed().as_secs_f64(), |ns| ns * 1e-9)
-}
-
 fn field(file: &str, name: &str) -> String {
     let text = std::fs::read_to_string(file).unwrap_or_default();
     let line = text.lines().find(|l| l.starts_with(name)).and_then(|l| l.split_once(':'));
@@ -128,7 +121,6 @@ fn speed(objects: &[Object], seeds: u64, two_cores: bool) -> Result<()> {
         "CPU: {}; {seeds} episodes per object; seconds per object of 15 decisions",
         field("/proc/cpuinfo", "model name")
     );
-    let start = Instant::now();
     for paper in [false, true] {
         let (name, objects) = if paper { ("published", &objects[..RECORDED]) } else { ("default", objects) };
         let mut totals = [0.0; 2];
@@ -137,16 +129,16 @@ fn speed(objects: &[Object], seeds: u64, two_cores: bool) -> Result<()> {
             let (_, config) = settings(paper);
             for seed in 0..seeds {
                 let mut views = Vec::new();
-                let before = cpu_seconds(start);
+                let before = ThreadTime::now();
                 let episode = search(object, paper, true, seed, &mut views)?;
-                let between = cpu_seconds(start);
+                let between = ThreadTime::now();
                 let mut scratch = RenderScratch::default();
                 let camera = geometry::PinholeCamera::default();
                 for view in &views {
                     object.scene.render(&camera, &view.world_from_camera(), &config.render, &mut scratch);
                 }
-                spent += between - before;
-                rendering += cpu_seconds(start) - between;
+                spent += between.duration_since(before).as_secs_f64();
+                rendering += between.elapsed().as_secs_f64();
                 decisions += episode.overlaps.len();
             }
             let per_object = 15.0 / decisions as f64;

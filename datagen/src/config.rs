@@ -4,6 +4,7 @@ use crate::dataset::DatasetConfig;
 use crate::episode::EpisodeConfig;
 use crate::search::SearchConfig;
 use formats::CloudPrecision;
+use formats::config::SettingError;
 use planning::CandidateConfig;
 use serde::{Deserialize, Serialize};
 
@@ -63,20 +64,20 @@ impl DatagenConfig {
     /// Refuses values that cannot be meant.
     ///
     /// # Errors
-    /// A sentence with the key, what was found, and what was expected.
-    pub fn validate(&self) -> Result<(), String> {
-        let length = |key: &str, value: f64| {
+    /// The key, what was found, and what was expected.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        let length = |key, value: f64| {
             if value > 0.0 && value.is_finite() {
                 Ok(())
             } else {
-                Err(format!("{key} = {value}: expected a length above 0"))
+                Err(SettingError::new(key, value, "a length above 0"))
             }
         };
         length("object_diagonal_m", self.object_diagonal_m)?;
         length("episode.working_distance_m", self.episode.working_distance_m)?;
         length("episode.tolerance_m", self.episode.tolerance_m)?;
         if !(0.0..1.0).contains(&self.validation_share) {
-            return Err(format!("validation_share = {}: expected 0 or more, and under 1", self.validation_share));
+            return Err(SettingError::new("validation_share", self.validation_share, "0 or more, and under 1"));
         }
         for (key, count) in [
             ("surface_samples", self.surface_samples),
@@ -85,11 +86,11 @@ impl DatagenConfig {
             ("candidates.boundary.neighbors", self.candidates.boundary.neighbors),
         ] {
             if count == 0 {
-                return Err(format!("{key} = 0: expected at least 1"));
+                return Err(SettingError::new(key, 0, "at least 1"));
             }
         }
         if self.candidates.tilts_deg.is_empty() {
-            return Err("candidates.tilts_deg is empty: expected at least one angle".to_owned());
+            return Err(SettingError::new("candidates.tilts_deg", "[]", "at least one angle"));
         }
         Ok(())
     }
@@ -154,8 +155,8 @@ mod tests {
     fn values_that_cannot_be_meant_are_refused() {
         let mut config = DatagenConfig::default();
         config.episode.tolerance_m = f64::NAN;
-        assert!(config.validate().unwrap_err().contains("episode.tolerance_m = NaN"));
+        assert!(config.validate().unwrap_err().to_string().contains("episode.tolerance_m = NaN"));
         let config = DatagenConfig { validation_share: 1.0, ..Default::default() };
-        assert!(config.validate().unwrap_err().contains("validation_share = 1"));
+        assert!(config.validate().unwrap_err().to_string().contains("validation_share = 1"));
     }
 }

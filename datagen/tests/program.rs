@@ -218,3 +218,14 @@ fn wrong_settings_name_their_origin() {
     }
     assert_eq!(run(datagen(home).arg("--no-such-flag")).0, Some(2), "wrong usage");
 }
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let directory = tempfile::tempdir().unwrap();
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let output = datagen(directory.path()).args(["--list-objects", "--objects", "5"]).stdout(writer).output().unwrap();
+    assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(0), ""));
+    let (code, text) = run(datagen(directory.path()).args(["--seed", "18446744073709551615"]));
+    assert!(code == Some(2) && text.contains("9223372036854775807"), "{text}");
+}

@@ -9,6 +9,7 @@ use clap::Parser;
 use datagen::{EpisodeConfig, Scene, SearchConfig, procedural, run_episode, score_views};
 use evaluate::learned::{Decision, FEATURES, Labelled, Learned, features};
 use geometry::View;
+use geometry::rank_correlation::rank_correlation;
 use geometry::rng::stream;
 use geometry::sampling::sample_surface;
 use nalgebra::Point3;
@@ -113,26 +114,12 @@ fn figures<'a>(decisions: impl Iterator<Item = &'a Decision>, predict: impl Fn(&
         let best = truth.iter().copied().fold(1e-12, f64::max);
         let first = gains.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
         let errors = predicted.iter().zip(&d.0).map(|(p, r)| (p.1 - r.overlap).abs());
-        sum[0] += rank_correlation(&gains, &truth);
+        sum[0] += rank_correlation(&gains, &truth).unwrap_or(0.0);
         sum[1] += truth[first] / best;
         sum[2] += errors.sum::<f64>() / truth.len() as f64;
         count += 1.0;
     }
     sum.map(|s| s / count.max(1.0))
-}
-
-/// Spearman's, equal values in their order.
-fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
-    let ranks = |v: &[f64]| {
-        let mut order: Vec<usize> = (0..v.len()).collect();
-        order.sort_by(|&i, &j| v[i].total_cmp(&v[j]));
-        let mut ranks = vec![0.0; v.len()];
-        order.into_iter().enumerate().for_each(|(rank, i)| ranks[i] = rank as f64);
-        ranks
-    };
-    let n = a.len() as f64;
-    let squares: f64 = ranks(a).iter().zip(ranks(b)).map(|(x, y)| (x - y).powi(2)).sum();
-    1.0 - 6.0 * squares / (n * (n * n - 1.0))
 }
 
 fn main() -> anyhow::Result<()> {

@@ -6,8 +6,9 @@ use crate::journal::{Contents, Entry, Journal, JournalError};
 use crate::networks::Networks;
 use crate::objects::Object;
 use crate::policies::table::AboveTable;
-use crate::policies::{BoxedPlanner, PolicyContext, PolicyError, make, weights_of};
+use crate::policies::{BoxedPlanner, Policy, PolicyContext, PolicyError, make, weights_of};
 use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
+use cpu_time::ThreadTime;
 use datagen::{Decision, Episode, EpisodeError, run_episode_with};
 use geometry::rng::stream;
 use planning::Planner;
@@ -28,7 +29,7 @@ pub enum BenchmarkError {
 
 /// Makes the policy that an episode runs, within reach of the table if there is one.
 pub fn planner<'a>(
-    policy: &str,
+    policy: &Policy,
     object: &'a Object,
     config: &'a EvaluateConfig,
     networks: &'a Networks,
@@ -66,7 +67,7 @@ pub fn episode(
 /// A policy that cannot be made, a journal that cannot be written.
 pub fn run(
     objects: &[Object],
-    policies: &[String],
+    policies: &[Policy],
     config: &EvaluateConfig,
     networks: &Networks,
     journal: &Journal,
@@ -75,28 +76,29 @@ pub fn run(
     done: impl Fn(&EpisodeKey) + Sync,
 ) -> Result<(), BenchmarkError> {
     let have: BTreeSet<EpisodeKey> = contents.keys();
-    let jobs: Vec<(&Object, EpisodeKey)> = objects
+    let jobs: Vec<(&Object, &Policy, EpisodeKey)> = objects
         .iter()
         .flat_map(|object| {
             policies.iter().flat_map(move |policy| {
                 (0..config.episodes).map(move |episode| {
-                    (object, EpisodeKey { object: object.name.clone(), policy: policy.clone(), episode })
+                    let key = EpisodeKey { object: object.name.clone(), policy: policy.to_string(), episode };
+                    (object, policy, key)
                 })
             })
         })
-        .filter(|(_, key)| !have.contains(key))
+        .filter(|(_, _, key)| !have.contains(key))
         .collect();
     let weights: BTreeMap<&str, Option<String>> =
-        policies.iter().map(|policy| (policy.as_str(), weights_of(policy, config, networks))).collect();
+        policies.iter().map(|policy| (policy.name(), weights_of(policy, config, networks))).collect();
     let entries: Vec<Entry> = jobs
         .into_par_iter()
         .with_max_len(1)
-        .filter_map(|(object, key)| {
+        .filter_map(|(object, policy, key)| {
             if stop.load(Ordering::Relaxed) {
                 return None;
             }
             let weights = weights.get(key.policy.as_str()).cloned().flatten();
-            Some(run_one(object, key, weights, config, networks).and_then(|entry| {
+            Some(run_one(object, policy, key, weights, config, networks).and_then(|entry| {
                 journal.append(&entry)?;
                 match &entry {
                     Entry::Episode { record, .. } => done(&record.key),
@@ -120,43 +122,19 @@ pub fn run(
 
 fn run_one(
     object: &Object,
+    policy: &Policy,
     key: EpisodeKey,
     weights: Option<String>,
     config: &EvaluateConfig,
     networks: &Networks,
 ) -> Result<Entry, BenchmarkError> {
-    let mut planner = planner(&key.policy, object, config, networks)?;
-    let clock = ThreadClock::start();
+    let mut planner = planner(policy, object, config, networks)?;
+    let clock = ThreadTime::now();
     Ok(match episode(object, planner.as_mut(), key.episode, config, |_| {}) {
         Ok(outcome) => Entry::Episode {
-            timing: Timing { episode_s: clock.seconds(), decisions_s: outcome.decision_seconds.clone() },
+            timing: Timing { episode_s: clock.elapsed().as_secs_f64(), decisions_s: outcome.decision_seconds.clone() },
             record: EpisodeRecord { weights, ..EpisodeRecord::new(key, &outcome) },
         },
         Err(error) => Entry::Skipped(Skipped { key, reason: error.to_string() }),
     })
-}
-
-/// Processor time of this thread where the system tells it, else wall time: the machine may be shared.
-struct ThreadClock {
-    cpu: Option<f64>,
-    wall: std::time::Instant,
-}
-
-impl ThreadClock {
-    fn start() -> Self {
-        Self { cpu: Self::cpu_seconds(), wall: std::time::Instant::now() }
-    }
-
-    fn seconds(&self) -> f64 {
-        match (self.cpu, Self::cpu_seconds()) {
-            (Some(start), Some(now)) => now - start,
-            _ => self.wall.elapsed().as_secs_f64(),
-        }
-    }
-
-    /// First field of Linux' schedstat: nanoseconds on a processor.
-    fn cpu_seconds() -> Option<f64> {
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-        Some(text.split_whitespace().next()?.parse::<f64>().ok()? * 1e-9)
-    }
 }

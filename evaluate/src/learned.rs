@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use planning::{Forecasts, ScanState, ViewForecast};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a forecast is made of: pixels by what they show (0 to 4), the hand-made gain (5) and overlap (6), novelty (7), and
 /// what all candidates share: estimated coverage (8), reciprocal of the number of scans (9), pixel size at the working
@@ -60,6 +60,42 @@ pub struct Learned {
     pub overlap: Vec<f64>,
 }
 
+/// Why learned forecasts cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum LearnedError {
+    /// The settings name no file.
+    #[error("make a file with the example learn_forecasts and give --set weights.forecasts=FILE")]
+    NoFile,
+    /// The operating system refuses.
+    #[error("{path:?}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The file holds no such JSON.
+    #[error("{path:?}: {source}")]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: serde_json::Error,
+    },
+    /// Coefficients of other features.
+    #[error("{path:?}: {found} coefficients under {name:?}, expected {expected}")]
+    Count {
+        /// The file.
+        path: PathBuf,
+        /// Which fit.
+        name: &'static str,
+        /// Coefficients in the file.
+        found: usize,
+        /// Coefficients that there must be.
+        expected: usize,
+    },
+}
+
 impl Learned {
     /// Fits decisions. `ridge` is relative to the mean square of the terms, each brought to a root mean square of 1. The
     /// gains of a decision weigh by the inverse square of its largest, so that late decisions count. Only features that are
@@ -97,14 +133,18 @@ impl Learned {
     ///
     /// # Errors
     /// What is wrong with the file.
-    pub fn read(path: &Path) -> Result<Self, String> {
-        let named = |e: &dyn std::fmt::Display| format!("{path:?}: {e}");
-        let text = std::fs::read_to_string(path).map_err(|e| named(&e))?;
-        let learned: Self = serde_json::from_str(&text).map_err(|e| named(&e))?;
-        let n = terms(&[0.0; FEATURES]).len();
+    pub fn read(path: &Path) -> Result<Self, LearnedError> {
+        if path.as_os_str().is_empty() {
+            return Err(LearnedError::NoFile);
+        }
+        let path = || path.to_owned();
+        let text = std::fs::read_to_string(path()).map_err(|source| LearnedError::Io { path: path(), source })?;
+        let learned: Self =
+            serde_json::from_str(&text).map_err(|source| LearnedError::Json { path: path(), source })?;
+        let expected = terms(&[0.0; FEATURES]).len();
         for (name, found) in [("gain", learned.gain.len()), ("overlap", learned.overlap.len())] {
-            if found != n {
-                return Err(named(&format!("{found} coefficients under {name:?}, expected {n}")));
+            if found != expected {
+                return Err(LearnedError::Count { path: path(), name, found, expected });
             }
         }
         Ok(learned)
@@ -161,7 +201,7 @@ mod tests {
         let pairs = fit.gain.iter().zip(&read.gain).chain(fit.overlap.iter().zip(&read.overlap));
         assert!(read.gain.len() == 91 && pairs.into_iter().all(|(a, b)| (a - b).abs() <= 1e-14 * a.abs()), "{read:?}");
         std::fs::write(&path, r#"{"gain": [1.0], "overlap": []}"#).expect("written");
-        let error = Learned::read(&path).expect_err("too short");
+        let error = Learned::read(&path).expect_err("too short").to_string();
         assert!(
             error.contains("forecasts.json") && error.contains("1 coefficients under \"gain\", expected 91"),
             "{error}"

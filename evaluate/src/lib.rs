@@ -1,5 +1,6 @@
 //! Policies, metrics and the paper's tables: objects x policies x episodes through one loop, with confidence intervals.
 
+pub mod batches;
 pub mod benchmark;
 pub mod bootstrap;
 pub mod config;

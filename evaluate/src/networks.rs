@@ -5,11 +5,28 @@ use crate::policies::BoxedPlanner;
 use crate::policies::pc_nbv::PcNbvPlanner;
 use formats::config::digest;
 use model::net_planner::BUNDLED_WEIGHTS;
-use model::{NetPlanner, NetPlannerConfig, PcNbvModel};
+use model::{NetPlanner, NetPlannerConfig, NetPlannerError, PcNbvError, PcNbvModel};
 use planning::{CandidateConfig, Network};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+
+/// Why a network cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum WeightsError {
+    /// The checkpoint of `benbv-net` is missing or unfit.
+    #[error(transparent)]
+    BenbvNet(#[from] NetPlannerError),
+    /// The checkpoint of `pc-nbv` is missing or unfit.
+    #[error(transparent)]
+    PcNbv(#[from] PcNbvError),
+    /// None are configured, and none come with the source.
+    #[error(
+        "found no weights/pc-nbv here nor beside the source; train some (train --network pc-nbv) and give --set \
+         weights.pc_nbv=DIR"
+    )]
+    NoPcNbv,
+}
 
 /// Weights at hand. Nothing is read until a policy asks.
 #[derive(Default)]
@@ -31,7 +48,7 @@ impl Networks {
     ///
     /// # Errors
     /// What is wrong with the weights.
-    pub fn benbv_net<'a>(&self, directory: Option<&str>) -> Result<BoxedPlanner<'a>, String> {
+    pub fn benbv_net<'a>(&self, directory: Option<&Path>) -> Result<BoxedPlanner<'a>, WeightsError> {
         let directory = self.benbv_net_directory(directory);
         let mut loaded = self.benbv_net.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         if let Some(planner) = loaded.get(&directory) {
@@ -42,7 +59,7 @@ impl Networks {
             true => NetPlanner::bundled(config),
             false => NetPlanner::load(&directory, config),
         };
-        let planner = planner.map_err(|e| e.to_string())?;
+        let planner = planner?;
         loaded.insert(directory, planner.clone());
         Ok(Box::new(planner))
     }
@@ -51,52 +68,48 @@ impl Networks {
     ///
     /// # Errors
     /// What is wrong with the weights.
-    pub fn of_auto(&self) -> Result<Option<Network>, String> {
+    pub fn of_auto(&self) -> Result<Option<Network>, WeightsError> {
         Ok(Some(Network::boxed(self.benbv_net(None)?)))
     }
 
-    fn benbv_net_directory(&self, directory: Option<&str>) -> PathBuf {
+    fn benbv_net_directory(&self, directory: Option<&Path>) -> PathBuf {
         directory.map_or_else(|| self.weights.benbv_net.clone(), PathBuf::from)
     }
 
-    /// Digest of the weights that a network's policy uses; `None` for other policies.
-    pub fn digest(&self, family: &str, variant: Option<&str>) -> Option<String> {
-        let read = |directory: PathBuf| std::fs::read(directory.join(model::checkpoint::WEIGHTS)).unwrap_or_default();
-        match family {
-            "benbv-net" | "auto" => {
-                let directory = self.benbv_net_directory(variant);
-                let carried = directory.as_os_str().is_empty();
-                Some(if carried { digest(BUNDLED_WEIGHTS) } else { digest(&read(directory)) })
-            }
-            "pc-nbv" => Some(digest(&read(pc_nbv_directory(&self.weights.pc_nbv).ok()?))),
-            _ => None,
-        }
+    /// Digest of the weights of `benbv-net`.
+    pub fn benbv_net_digest(&self, directory: Option<&Path>) -> Option<String> {
+        let directory = self.benbv_net_directory(directory);
+        Some(if directory.as_os_str().is_empty() { digest(BUNDLED_WEIGHTS) } else { digest_in(&directory) })
+    }
+
+    /// Digest of the weights of `pc-nbv`; `None` where there are none.
+    pub fn pc_nbv_digest(&self) -> Option<String> {
+        Some(digest_in(&pc_nbv_directory(&self.weights.pc_nbv).ok()?))
     }
 
     /// The policy `pc-nbv`, or `pc-nbv:paper`.
     ///
     /// # Errors
     /// What is wrong with the weights.
-    pub fn pc_nbv<'a>(&self, name: &str, published: bool) -> Result<BoxedPlanner<'a>, String> {
+    pub fn pc_nbv<'a>(&self, name: &str, published: bool) -> Result<BoxedPlanner<'a>, WeightsError> {
         let mut loaded = self.pc_nbv.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if loaded.is_none() {
-            let directory = pc_nbv_directory(&self.weights.pc_nbv)?;
-            *loaded = Some(PcNbvModel::load(&directory).map_err(|e| e.to_string())?);
-        }
-        let network = loaded.clone().ok_or_else(|| "not loaded".to_owned())?;
+        let network = match &*loaded {
+            Some(network) => network.clone(),
+            None => loaded.insert(PcNbvModel::load(&pc_nbv_directory(&self.weights.pc_nbv)?)?).clone(),
+        };
         Ok(Box::new(PcNbvPlanner::new(name, network, published)))
     }
 }
 
+fn digest_in(directory: &Path) -> String {
+    digest(&std::fs::read(directory.join(model::checkpoint::WEIGHTS)).unwrap_or_default())
+}
+
 /// The configured checkpoint, or the one that comes with the source.
-fn pc_nbv_directory(configured: &Path) -> Result<PathBuf, String> {
+fn pc_nbv_directory(configured: &Path) -> Result<PathBuf, WeightsError> {
     if !configured.as_os_str().is_empty() {
         return Ok(configured.to_owned());
     }
     let folders = [PathBuf::from("weights"), Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights")];
-    folders.iter().map(|folder| folder.join("pc-nbv")).find(|d| d.exists()).ok_or_else(|| {
-        "found no weights/pc-nbv here nor beside the source; train some (train --network pc-nbv) and give --set \
-         weights.pc_nbv=DIR"
-            .to_owned()
-    })
+    folders.iter().map(|folder| folder.join("pc-nbv")).find(|d| d.exists()).ok_or(WeightsError::NoPcNbv)
 }

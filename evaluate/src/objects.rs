@@ -1,8 +1,6 @@
 //! The objects of a run: meshes at the working size with samples of their surfaces.
 
 use crate::config::{EvaluateConfig, Surface, TableConfig};
-use crate::networks::Networks;
-use crate::policies::{PolicyContext, PolicyError, make};
 use datagen::dataset::{DatasetError, DatasetName, Object as Source, SplitChoice, list_objects, load_mesh};
 use datagen::{EpisodeConfig, RenderConfig, Scene};
 use geometry::rng::stream;
@@ -21,6 +19,17 @@ pub struct Object {
     pub samples: Vec<Point3<f64>>,
     /// Least height of a camera, where the object stands on a table.
     pub least_z: Option<f64>,
+}
+
+/// Why an object cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ObjectError {
+    /// Its mesh or its published samples cannot be read.
+    #[error(transparent)]
+    Format(#[from] formats::FormatError),
+    /// There is nothing to sample.
+    #[error("the mesh has no surface")]
+    NoSurface,
 }
 
 /// Sets the built-in objects of an evaluation apart from those of a data set with the same seed.
@@ -48,8 +57,8 @@ pub fn list(config: &EvaluateConfig) -> Result<Vec<Source>, DatasetError> {
 ///
 /// # Errors
 /// Why it cannot be used.
-pub fn load(source: &Source, config: &EvaluateConfig) -> Result<Object, String> {
-    let mesh = load_mesh(source).map_err(|e| e.to_string())?;
+pub fn load(source: &Source, config: &EvaluateConfig) -> Result<Object, ObjectError> {
+    let mesh = load_mesh(source)?;
     let path = match &source.source {
         datagen::dataset::Source::File(path) => Some(path.as_path()),
         datagen::dataset::Source::Procedural { .. } => None,
@@ -57,20 +66,11 @@ pub fn load(source: &Source, config: &EvaluateConfig) -> Result<Object, String> 
     prepare(&source.name, path, &mesh, config)
 }
 
-/// Makes a policy once, on a stand-in object, to see whether its name and weights are good.
-///
-/// # Errors
-/// Why it cannot run.
-pub fn try_policy(policy: &str, config: &EvaluateConfig, networks: &Networks) -> Result<(), PolicyError> {
-    let scene = Scene::new(Mesh::default());
-    make(policy, &PolicyContext { scene: &scene, samples: &[], config, networks }).map(drop)
-}
-
 /// Centres and scales a mesh and samples its surface. `path` is where it came from, if from a file.
 ///
 /// # Errors
 /// Published samples that cannot be read; a mesh without surface.
-pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateConfig) -> Result<Object, String> {
+pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateConfig) -> Result<Object, ObjectError> {
     let mesh = mesh.normalized(config.diagonal_m);
     let published = match (config.surface, path) {
         (Surface::Published, Some(path)) => Some(published_samples(path)).filter(|p| p.exists()),
@@ -79,7 +79,7 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
     let mut samples = match published {
         Some(file) => {
             let scale = config.diagonal_m / 0.2;
-            let cloud = formats::read_cloud(&file).map_err(|e| e.to_string())?.cloud;
+            let cloud = formats::read_cloud(&file)?.cloud;
             cloud.points.into_iter().map(|p| p * scale).collect()
         }
         None => {
@@ -88,7 +88,7 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
         }
     };
     if samples.is_empty() {
-        return Err("the mesh has no surface".to_owned());
+        return Err(ObjectError::NoSurface);
     }
     let table_top = mesh.bounding_box().0.z;
     let scene = Scene::new(mesh);

@@ -5,19 +5,21 @@ pub mod compare;
 pub mod paper;
 pub mod plots;
 pub mod replay;
+pub mod rows;
 pub mod table;
 pub mod tables;
 
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::objects::Object;
-use crate::record::EpisodeRecord;
+use crate::record::{EpisodeRecord, Timing};
 use formats::FormatError;
 use formats::run::{atomic_write, atomic_write_with};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::Path;
-use table::Table;
+use table::{Table, write_csv};
+use tables::Rows;
 
 /// Policies of the records: in the order asked for, then any other by name.
 pub fn policy_order(contents: &Contents, asked: &[String]) -> Vec<String> {
@@ -30,7 +32,7 @@ pub fn policy_order(contents: &Contents, asked: &[String]) -> Vec<String> {
 }
 
 /// Writes every file of a run's directory. All but `timing.csv` and `timing.md` are the same bytes for the same
-/// settings, whatever the number of threads.
+/// settings, whatever the number of threads. Answers with the rows of the tables.
 ///
 /// # Errors
 /// What the operating system refuses.
@@ -40,7 +42,7 @@ pub fn write(
     config: &EvaluateConfig,
     policies: &[String],
     objects: &[Object],
-) -> Result<(), FormatError> {
+) -> Result<Rows, FormatError> {
     let records: Vec<&EpisodeRecord> = contents.episodes.iter().map(|(r, _)| r).collect();
     atomic_write_with(&directory.join("episodes.jsonl"), |w| {
         for record in &records {
@@ -57,41 +59,104 @@ pub fn write(
         Ok(())
     })?;
     atomic_write_with(&directory.join("views.csv"), |w| {
-        writeln!(
-            w,
-            "object,policy,episode,view,coverage,overlap,points,target_x,target_y,target_z,camera_x,camera_y,camera_z"
-        )?;
-        for r in records.iter().flat_map(|r| view_rows(r)) {
-            let overlap = r.overlap.map_or(String::new(), |o| o.to_string());
-            let (t, c) = (r.target, r.camera);
-            writeln!(
-                w,
-                "{},{},{},{},{},{overlap},{},{},{},{},{},{},{}",
-                r.object, r.policy, r.episode, r.view, r.coverage, r.points, t[0], t[1], t[2], c[0], c[1], c[2]
-            )?;
-        }
-        Ok(())
+        write_csv(w, records.iter().flat_map(|r| view_rows(r)).map(ViewCells::from))
     })?;
     atomic_write_with(&directory.join("timing.csv"), |w| {
-        writeln!(w, "object,policy,episode,cpu_seconds,decision,decision_seconds")?;
-        for (r, t) in &contents.episodes {
-            for (i, d) in t.decisions_s.iter().enumerate() {
-                writeln!(w, "{},{},{},{},{},{d}", r.key.object, r.key.policy, r.key.episode, t.episode_s, i + 1)?;
-            }
-        }
-        Ok(())
+        let decisions = |(r, t): &'_ (EpisodeRecord, Timing)| {
+            let (key, episode_cpu_s) = (r.key.clone(), t.episode_s);
+            let of = move |(i, s): (usize, f64)| DecisionRow {
+                object: key.object.clone(),
+                policy: key.policy.clone(),
+                episode: key.episode,
+                episode_cpu_s,
+                decision: i + 1,
+                decision_s: s,
+            };
+            t.decisions_s.clone().into_iter().enumerate().map(of)
+        };
+        write_csv(w, contents.episodes.iter().flat_map(decisions))
     })?;
     let order = policy_order(contents, policies);
-    let results = tables::results(contents, config, &order);
-    atomic_write(&directory.join("summary.csv"), tables::per_object(contents, config, &order).to_csv().as_bytes())?;
+    let rows = Rows::of(contents, config, &order);
+    let results = rows.tables(contents, config, &order);
+    atomic_write_with(&directory.join("policies.csv"), |w| write_csv(w, &rows.policies))?;
+    atomic_write_with(&directory.join("paired.csv"), |w| write_csv(w, &rows.paired))?;
+    atomic_write_with(&directory.join("summary.csv"), |w| write_csv(w, &rows.objects))?;
     atomic_write(&directory.join("timing.md"), tables::timing(contents, &order).to_markdown().as_bytes())?;
     let mut markdown = format!("# Results\n\n{}\n\n", headline(contents, config, &order));
     results.iter().for_each(|table| markdown.push_str(&table.to_markdown()));
     atomic_write(&directory.join("report.md"), markdown.as_bytes())?;
-    atomic_write(&directory.join("report.html"), html(contents, config, &order, &results, objects).as_bytes())
+    atomic_write(&directory.join("report.html"), html(contents, config, &order, &results, objects).as_bytes())?;
+    Ok(rows)
 }
 
-/// A row of `views.csv` and `views.jsonl`.
+/// A row of `timing.csv`.
+#[derive(serde::Serialize)]
+struct DecisionRow {
+    object: String,
+    policy: String,
+    episode: usize,
+    #[serde(serialize_with = "plain")]
+    episode_cpu_s: f64,
+    /// From 1.
+    decision: usize,
+    #[serde(serialize_with = "plain")]
+    decision_s: f64,
+}
+
+/// A row of `views.csv`: [`ViewRow`] with one column per number.
+#[derive(serde::Serialize)]
+struct ViewCells<'a> {
+    object: &'a str,
+    policy: &'a str,
+    episode: usize,
+    view: usize,
+    #[serde(serialize_with = "plain")]
+    coverage: f64,
+    overlap: Option<String>,
+    points: usize,
+    #[serde(serialize_with = "plain")]
+    target_x_m: f64,
+    #[serde(serialize_with = "plain")]
+    target_y_m: f64,
+    #[serde(serialize_with = "plain")]
+    target_z_m: f64,
+    #[serde(serialize_with = "plain")]
+    camera_x_m: f64,
+    #[serde(serialize_with = "plain")]
+    camera_y_m: f64,
+    #[serde(serialize_with = "plain")]
+    camera_z_m: f64,
+}
+
+impl<'a> From<ViewRow<'a>> for ViewCells<'a> {
+    fn from(r: ViewRow<'a>) -> Self {
+        let ([target_x_m, target_y_m, target_z_m], [camera_x_m, camera_y_m, camera_z_m]) = (r.target, r.camera);
+        Self {
+            object: r.object,
+            policy: r.policy,
+            episode: r.episode,
+            view: r.view,
+            coverage: r.coverage,
+            overlap: r.overlap.map(|o| o.to_string()),
+            points: r.points,
+            target_x_m,
+            target_y_m,
+            target_z_m,
+            camera_x_m,
+            camera_y_m,
+            camera_z_m,
+        }
+    }
+}
+
+/// A number without exponent: what every spreadsheet reads.
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde's signature
+fn plain<S: serde::Serializer>(x: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(x)
+}
+
+/// A row of `views.jsonl`.
 #[derive(serde::Serialize)]
 struct ViewRow<'a> {
     object: &'a str,
@@ -145,7 +210,7 @@ fn html(
     objects: &[Object],
 ) -> String {
     let mut page = String::from(include_str!("report/head.html"));
-    let _ = write!(page, "<h1>Results</h1><p>{}</p>", table::escape(&headline(contents, config, policies)));
+    let _ = write!(page, "<h1>Results</h1><p>{}</p>", formats::html::escape(&headline(contents, config, policies)));
     let _ = write!(page, "<h2>Coverage over views</h2>{}", plots::coverage_curves(contents, config, policies));
     let _ = write!(page, "<h2>Overlap of next views 1 to 3</h2>{}", plots::overlap_boxes(contents, policies));
     if let Some((object, record)) = replay::choose(contents, policies, objects) {

@@ -1,15 +1,19 @@
 //! The whole path on a small object: paired starts, ranking, determinism, resumption.
 
-use datagen::{EpisodeConfig, Scene};
+use datagen::EpisodeConfig;
+#[cfg(feature = "networks")]
+use datagen::Scene;
+use datagen::dataset::DatasetName;
+use evaluate::batches::{self, Outcome, Watch};
 use evaluate::benchmark::{episode, run};
 use evaluate::config::EvaluateConfig;
 use evaluate::journal::{Contents, Journal};
 use evaluate::metrics::{Figure, Runs, efficiency};
 use evaluate::networks::Networks;
-use evaluate::objects::{Object, prepare};
+use evaluate::objects::{Object, ObjectError, prepare};
 #[cfg(feature = "networks")]
 use evaluate::policies::weights_of;
-use evaluate::policies::{PolicyContext, make};
+use evaluate::policies::{Policy, PolicyContext, check, make};
 use evaluate::record::{EpisodeKey, EpisodeRecord};
 use evaluate::report;
 use geometry::{Mesh, View};
@@ -17,7 +21,7 @@ use nalgebra::Point3;
 use planning::{PlanError, Planner, RankedView, ScanState};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// A ball with lobes: no view sees more than a part of it.
 fn lobed_ball(amplitude: f64) -> Mesh {
@@ -54,6 +58,10 @@ fn objects(config: &EvaluateConfig) -> Vec<Object> {
         .collect()
 }
 
+fn named(name: &str) -> Policy {
+    name.parse().unwrap_or_else(|e| panic!("{e}"))
+}
+
 /// Deliberately worse than any: scans again from where it stands.
 struct StayPlanner;
 
@@ -80,8 +88,11 @@ fn a_worse_policy_ranks_last_and_the_search_first() {
             PolicyContext { scene: &object.scene, samples: &object.samples, config: &config, networks: &networks };
         for number in 0..config.episodes {
             for policy in ["stay", "random-sphere", "benbv"] {
-                let mut planner =
-                    if policy == "stay" { Box::new(StayPlanner) } else { make(policy, &context).expect(policy) };
+                let mut planner = if policy == "stay" {
+                    Box::new(StayPlanner)
+                } else {
+                    make(&named(policy), &context).expect(policy)
+                };
                 let outcome = episode(object, planner.as_mut(), number, &config, |_| {}).expect("a good start");
                 let key = EpisodeKey { object: object.name.clone(), policy: policy.to_owned(), episode: number };
                 records.push(EpisodeRecord::new(key, &outcome));
@@ -105,7 +116,7 @@ fn run_into(
     directory: &Path,
     objects: &[Object],
     config: &EvaluateConfig,
-    policies: &[String],
+    policies: &[Policy],
     threads: usize,
     stop: &AtomicBool,
 ) -> Contents {
@@ -120,8 +131,8 @@ fn run_into(
 fn outputs_do_not_depend_on_threads_nor_on_a_stop_in_between() {
     let config = config(2);
     let objects = objects(&config);
-    let policies: Vec<String> =
-        ["benbv", "random-u-sphere", "see", "farthest:60", "oracle:33"].map(str::to_owned).into_iter().collect();
+    let policies = ["benbv", "random-u-sphere", "see", "farthest:60", "oracle:33"].map(named);
+    let names: Vec<String> = policies.iter().map(Policy::to_string).collect();
     let (one, two) = (tempfile::tempdir().expect("dir"), tempfile::tempdir().expect("dir"));
     let never = AtomicBool::new(false);
     let straight = run_into(one.path(), &objects, &config, &policies, 1, &never);
@@ -133,9 +144,18 @@ fn outputs_do_not_depend_on_threads_nor_on_a_stop_in_between() {
     let resumed = run_into(two.path(), &objects, &config, &policies, 2, &never);
     assert_eq!(straight.episodes.len(), 2 * 2 * policies.len());
     for (directory, contents) in [(&one, &straight), (&two, &resumed)] {
-        report::write(directory.path(), contents, &config, &policies, &objects).expect("written");
+        report::write(directory.path(), contents, &config, &names, &objects).expect("written");
     }
-    for file in ["episodes.jsonl", "views.jsonl", "views.csv", "summary.csv", "report.md", "report.html"] {
+    for file in [
+        "episodes.jsonl",
+        "views.jsonl",
+        "views.csv",
+        "policies.csv",
+        "paired.csv",
+        "summary.csv",
+        "report.md",
+        "report.html",
+    ] {
         let read = |d: &tempfile::TempDir| std::fs::read(d.path().join(file)).expect(file);
         assert!(read(&one) == read(&two), "{file} differs");
         assert!(!read(&one).is_empty());
@@ -153,9 +173,9 @@ fn a_stopped_run_keeps_what_it_has() {
     let config = config(2);
     let objects = objects(&config);
     let directory = tempfile::tempdir().expect("dir");
-    let stopped = run_into(directory.path(), &objects, &config, &["random-33".to_owned()], 1, &AtomicBool::new(true));
+    let stopped = run_into(directory.path(), &objects, &config, &[named("random-33")], 1, &AtomicBool::new(true));
     assert!(stopped.episodes.is_empty());
-    let whole = run_into(directory.path(), &objects, &config, &["random-33".to_owned()], 1, &AtomicBool::new(false));
+    let whole = run_into(directory.path(), &objects, &config, &[named("random-33")], 1, &AtomicBool::new(false));
     assert_eq!(whole.episodes.len(), 4);
 }
 
@@ -167,7 +187,7 @@ fn shifted_yardsticks_see_other_samples() {
     let context =
         PolicyContext { scene: &object.scene, samples: &object.samples, config: &config, networks: &networks };
     let gains = |policy: &str| {
-        let mut planner = make(policy, &context).expect(policy);
+        let mut planner = make(&named(policy), &context).expect(policy);
         let mut gains = Vec::new();
         let keep = |d: &datagen::Decision| gains.extend(d.ranked.iter().filter_map(|r| r.gain));
         episode(object, planner.as_mut(), 0, &config, keep).expect("an episode");
@@ -190,8 +210,9 @@ fn the_network_of_the_published_size_comes_with_the_source() {
     let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights");
     let policy = format!("benbv-net:{}", weights.join("benbv-net-paper-scale").display());
     let scene = Scene::new(Mesh::default());
-    make(&policy, &PolicyContext { scene: &scene, samples: &[], config: &config, networks: &networks }).expect("loads");
-    assert_ne!(weights_of(&policy, &config, &networks), weights_of("benbv-net", &config, &networks));
+    make(&named(&policy), &PolicyContext { scene: &scene, samples: &[], config: &config, networks: &networks })
+        .expect("loads");
+    assert_ne!(weights_of(&named(&policy), &config, &networks), weights_of(&named("benbv-net"), &config, &networks));
     let size = |name: &str| std::fs::metadata(weights.join(name).join("model.safetensors")).expect("there").len();
     assert!(size("benbv-net") + size("benbv-net-paper-scale") < 24_000_000);
 }
@@ -207,13 +228,13 @@ fn episodes_with_other_weights_do_not_count() {
         std::fs::copy(bundled.join(file), copy.path().join(file)).expect("copied");
     }
     let policy = format!("benbv-net:{}", copy.path().display());
-    let of = |policy: &str| weights_of(policy, &config, &networks);
+    let of = |policy: &str| weights_of(&named(policy), &config, &networks);
     let before = of(&policy);
     assert_eq!((before.is_some(), &before), (true, &of("benbv-net")), "the same weights, wherever they lie");
     assert_eq!(of("volumetric"), None);
     let objects = &objects(&config)[..1];
     let directory = tempfile::tempdir().expect("dir");
-    let policies = ["benbv-net".to_owned(), policy.clone()];
+    let policies = [named("benbv-net"), named(&policy)];
     let contents = run_into(directory.path(), objects, &config, &policies, 1, &AtomicBool::new(false));
     let records: Vec<&EpisodeRecord> = contents.episodes.iter().map(|(r, _)| r).collect();
     assert_eq!((records.len(), &records[0].views), (2, &records[1].views), "the same network chooses the same");
@@ -226,22 +247,75 @@ fn episodes_with_other_weights_do_not_count() {
     let mut contents = evaluate::journal::read(directory.path()).expect("read");
     assert_eq!(contents.forget_other_weights("benbv-net", of("benbv-net").as_deref()), 0);
     assert_eq!(contents.forget_other_weights(&policy, of(&policy).as_deref()), 1);
-    let context = PolicyContext { scene: &objects[0].scene, samples: &[], config: &config, networks: &networks };
-    let missing = make("benbv-net:no/such", &context).err().expect("refused").to_string();
+    let missing = check(&named("benbv-net:no/such"), &config, &networks).err().expect("refused").to_string();
     assert!(missing.contains("no/such"), "{missing}");
 }
 
 #[test]
-fn bad_names_are_refused_with_the_way_out() {
+fn what_the_settings_cannot_make_is_found_without_an_object() {
     let config = config(1);
     let networks = Networks::new(&config);
-    let scene = Scene::new(Mesh::default());
-    let context = PolicyContext { scene: &scene, samples: &[], config: &config, networks: &networks };
     let message =
-        |name: &str| make(name, &context).err().unwrap_or_else(|| panic!("{name} must be refused")).to_string();
-    assert!(message("bnbv").contains("--list-policies"));
-    assert!(message("benbv:7").contains("multiple"), "{}", message("benbv:7"));
-    assert!(message("random-sphere:-1").contains("radius"));
-    assert!(message("see:fast").contains("r010"));
-    assert!(message("oracle:60:x").contains("overlap"));
+        |name: &str| check(&named(name), &config, &networks).err().unwrap_or_else(|| panic!("{name}")).to_string();
+    for policy in ["benbv:7", "farthest:7", "oracle:7", "benbv:0"] {
+        assert!(message(policy).contains("multiple"), "{}", message(policy));
+    }
+    assert!(message("volumetric:learned").contains("learn_forecasts"), "{}", message("volumetric:learned"));
+    check(&named("benbv:60"), &config, &networks).expect("a multiple of three");
+}
+
+/// Counts episodes and asks to stop after so many.
+struct StopAfter<'a>(usize, &'a AtomicBool, AtomicUsize);
+
+impl Watch for StopAfter<'_> {
+    fn done(&self, _key: &EpisodeKey) {
+        if self.2.fetch_add(1, Ordering::SeqCst) + 1 == self.0 {
+            self.1.store(true, Ordering::SeqCst);
+        }
+    }
+
+    fn unusable(&self, _object: &str, _reason: &ObjectError) {}
+}
+
+/// Runs `random-33` on the built-in objects and these files, stopped after so many episodes.
+fn run_batches(config: &EvaluateConfig, stop_after: usize) -> (Outcome, Contents) {
+    let directory = tempfile::tempdir().expect("dir");
+    let sources = evaluate::objects::list(config).expect("objects");
+    let (journal, mut contents) = Journal::open(directory.path(), "h").expect("journal");
+    let networks = Networks::new(config);
+    let stop = AtomicBool::new(false);
+    let watch = StopAfter(stop_after, &stop, AtomicUsize::new(0));
+    let policies = [named("random-33")];
+    let outcome =
+        batches::run(&sources, &policies, config, &networks, &journal, &mut contents, &stop, &watch).expect("run");
+    (outcome, contents)
+}
+
+#[test]
+fn asked_to_stop_after_the_last_episode_nothing_is_left() {
+    let mut config = config(2);
+    config.dataset.name = DatasetName::Procedural;
+    config.dataset.objects = Some(2);
+    config.surface_samples = 3_000;
+    config.episode.num_views = 1;
+    let (outcome, contents) = run_batches(&config, 4);
+    assert_eq!((outcome.left, outcome.shown.len(), contents.episodes.len()), (0, 2, 4));
+    assert_eq!(outcome.anything(&contents), Ok(()));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    let (outcome, contents) = pool.install(|| run_batches(&config, 1));
+    assert_eq!((outcome.left, contents.episodes.len()), (3, 1), "asked to stop before the last one");
+}
+
+#[test]
+fn a_run_without_any_usable_object_says_why() {
+    let meshes = tempfile::tempdir().expect("dir");
+    std::fs::write(meshes.path().join("empty.off"), "OFF\n0 0 0\n").expect("written");
+    std::fs::write(meshes.path().join("broken.off"), "OFF\n3 1 0\n0 0\n").expect("written");
+    let mut config = config(1);
+    config.dataset.name = DatasetName::Folder;
+    config.dataset.root = Some(meshes.path().to_owned());
+    let (outcome, contents) = run_batches(&config, usize::MAX);
+    assert_eq!((outcome.left, outcome.unusable.len()), (0, 2));
+    let message = outcome.anything(&contents).expect_err("nothing ran").to_string();
+    assert!(message.contains("empty: ") && message.contains("broken: "), "{message}");
 }

@@ -31,6 +31,36 @@ pub enum ConfigError {
     Serialize(#[from] toml::ser::Error),
 }
 
+/// What is wrong with the text of a `--set`.
+#[derive(Debug, thiserror::Error)]
+enum SetError {
+    #[error("expected key=value, e.g. camera.width=640")]
+    NoValue,
+    #[error("{0:?} is no key; expected names joined by dots, e.g. camera.width")]
+    Key(String),
+    #[error("{0}")]
+    Value(String),
+}
+
+/// A setting that cannot be meant.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{key} = {found}: expected {expected}")]
+pub struct SettingError {
+    /// Its dotted key.
+    pub key: &'static str,
+    /// Its value.
+    pub found: String,
+    /// What would do.
+    pub expected: &'static str,
+}
+
+impl SettingError {
+    /// Of this key.
+    pub fn new(key: &'static str, found: impl ToString, expected: &'static str) -> Self {
+        Self { key, found: found.to_string(), expected }
+    }
+}
+
 /// A command-line flag that stands for a setting.
 #[derive(Clone, Debug)]
 pub struct Flag {
@@ -69,7 +99,8 @@ where
     }
     for text in set {
         let origin = format!("--set {text:?}");
-        let layer = parse_set(text).map_err(|message| ConfigError::Layer { origin: origin.clone(), message })?;
+        let layer =
+            parse_set(text).map_err(|e| ConfigError::Layer { origin: origin.clone(), message: e.to_string() })?;
         apply::<T>(&mut table, layer, origin)?;
     }
     for flag in flags {
@@ -126,20 +157,20 @@ fn merge(table: &mut Table, layer: Table) {
     }
 }
 
-fn parse_set(text: &str) -> Result<Table, String> {
+fn parse_set(text: &str) -> Result<Table, SetError> {
     let Some((key, value)) = text.split_once('=') else {
-        return Err("expected key=value, e.g. camera.width=640".to_owned());
+        return Err(SetError::NoValue);
     };
     let (key, value) = (key.trim(), value.trim());
     let is_key =
         |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-');
     if !key.split('.').all(is_key) {
-        return Err(format!("{key:?} is no key; expected names joined by dots, e.g. camera.width"));
+        return Err(SetError::Key(key.to_owned()));
     }
     format!("{key} = {value}")
         .parse()
         .or_else(|_| format!("{key} = {}", Value::from(value)).parse())
-        .map_err(|e: toml::de::Error| e.message().to_owned())
+        .map_err(|e: toml::de::Error| SetError::Value(e.message().to_owned()))
 }
 
 #[cfg(test)]

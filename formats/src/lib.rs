@@ -9,9 +9,12 @@ pub mod config;
 pub mod depth;
 pub mod error;
 pub mod frame_history;
+pub mod html;
 pub mod manifest;
 pub mod mesh;
 pub mod ply;
+#[cfg(feature = "program")]
+pub mod program;
 pub mod run;
 pub mod shard;
 pub mod surface;

@@ -18,6 +18,7 @@ pub mod metrics;
 pub mod neighbors;
 pub mod normals;
 pub mod orientation;
+pub mod rank_correlation;
 pub mod rng;
 pub mod sampling;
 pub mod view;

@@ -6,6 +6,7 @@
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams};
 use burn::tensor::{Device, Tensor, TensorData};
+use cpu_time::ProcessTime;
 use model::{BenbvNetConfig, NetInput, position_weighted_loss};
 use rand::Rng;
 use std::io::{BufRead, Write};
@@ -50,9 +51,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     for line in std::io::stdin().lock().lines() {
         line?;
-        let (wall, cpu) = (Instant::now(), cpu_seconds()?);
+        let (wall, cpu) = (Instant::now(), ProcessTime::now());
         let value = once();
-        let (wall, cpu) = (wall.elapsed().as_secs_f64(), cpu_seconds()? - cpu);
+        let (wall, cpu) = (wall.elapsed().as_secs_f64(), cpu.elapsed().as_secs_f64());
         if !value.is_finite() {
             return Err(format!("diverged: {value}").into());
         }
@@ -60,16 +61,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         std::io::stdout().flush()?;
     }
     Ok(())
-}
-
-/// User and system time of all threads, from Linux's `/proc`.
-fn cpu_seconds() -> Result<f64, Box<dyn std::error::Error>> {
-    let mut nanoseconds = 0.0;
-    for task in std::fs::read_dir("/proc/self/task")? {
-        let text = std::fs::read_to_string(task?.path().join("schedstat"))?;
-        nanoseconds += text.split_whitespace().next().unwrap_or("0").parse::<f64>()?;
-    }
-    Ok(nanoseconds * 1e-9)
 }
 
 fn peak_memory() -> Result<f64, Box<dyn std::error::Error>> {

@@ -164,7 +164,7 @@ pub fn kind(directory: &Path) -> Result<String, CheckpointError> {
 
 /// A network of these sizes with the weights of a `.safetensors`, `.pth` or `.pt` file.
 pub fn import_pytorch<N: Network>(file: &Path, config: &N::Config, device: &Device) -> Result<N, CheckpointError> {
-    let net = N::create(config, device).map_err(|reason| WeightsError::Config { reason })?;
+    let net = N::create(config, device).map_err(WeightsError::Config)?;
     let tensors = published::read_file(file)?;
     Ok(published::apply(net, tensors, &file.display().to_string())?)
 }

@@ -37,6 +37,54 @@ impl Default for BenbvNetConfig {
     }
 }
 
+/// A limit far above any use.
+const MOST: usize = 1 << 20;
+
+/// What makes the sizes of a network impossible.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SizeError {
+    /// A layer without channels, a list without layers.
+    #[error("{key} = {found:?}: every size must be at least 1")]
+    Zero {
+        /// The setting.
+        key: &'static str,
+        /// Its sizes.
+        found: Vec<usize>,
+    },
+    /// More than any use.
+    #[error("{key} = {found:?}: no size may exceed {MOST}")]
+    TooLarge {
+        /// The setting.
+        key: &'static str,
+        /// Its sizes.
+        found: Vec<usize>,
+    },
+    /// Heads that do not share the attention alike.
+    #[error("heads = {heads} must divide attention_width = {width}")]
+    Heads {
+        /// Number of heads.
+        heads: usize,
+        /// Width of the attention.
+        width: usize,
+    },
+    /// A number out of its range.
+    #[error("{key} = {found}: expected {expected}")]
+    Value {
+        /// The setting.
+        key: &'static str,
+        /// Its value.
+        found: String,
+        /// What would do.
+        expected: String,
+    },
+}
+
+impl SizeError {
+    pub(crate) fn value(key: &'static str, found: impl ToString, expected: impl Into<String>) -> Self {
+        Self::Value { key, found: found.to_string(), expected: expected.into() }
+    }
+}
+
 impl BenbvNetConfig {
     /// The published network: 5,425,921 parameters.
     pub fn paper() -> Self {
@@ -103,7 +151,7 @@ impl BenbvNetConfig {
     }
 
     /// What makes these sizes impossible, in words that name the key, or `Ok`.
-    pub fn validate(&self) -> Result<(), String> {
+    pub fn validate(&self) -> Result<(), SizeError> {
         let widths = [
             ("position_widths", self.position_widths.as_slice()),
             ("normal_widths", self.normal_widths.as_slice()),
@@ -117,17 +165,17 @@ impl BenbvNetConfig {
             ("heads", &[self.heads]),
         ];
         if let Some((key, found)) = widths.iter().find(|(_, w)| w.is_empty() || w.contains(&0)) {
-            return Err(format!("{key} = {found:?}: every size must be at least 1"));
+            return Err(SizeError::Zero { key, found: found.to_vec() });
         }
         // A limit far above any use: a mistyped width must not ask for terabytes.
-        if let Some((key, found)) = widths.iter().find(|(_, w)| w.iter().any(|&w| w > 1 << 20)) {
-            return Err(format!("{key} = {found:?}: no size may exceed {}", 1 << 20));
+        if let Some((key, found)) = widths.iter().find(|(_, w)| w.iter().any(|&w| w > MOST)) {
+            return Err(SizeError::TooLarge { key, found: found.to_vec() });
         }
         if !self.attention_width.is_multiple_of(self.heads) {
-            return Err(format!("heads = {} must divide attention_width = {}", self.heads, self.attention_width));
+            return Err(SizeError::Heads { heads: self.heads, width: self.attention_width });
         }
         if !(0.0..1.0).contains(&self.dropout) {
-            return Err(format!("dropout = {}: expected a share in [0, 1)", self.dropout));
+            return Err(SizeError::value("dropout", self.dropout, "a share in [0, 1)"));
         }
         Ok(())
     }
@@ -143,10 +191,10 @@ mod tests {
             BenbvNetConfig::preset(name).unwrap().validate().unwrap();
         }
         let bad = BenbvNetConfig { heads: 3, ..BenbvNetConfig::tiny() };
-        assert!(bad.validate().unwrap_err().contains("heads = 3 must divide attention_width = 16"));
+        assert!(bad.validate().unwrap_err().to_string().contains("heads = 3 must divide attention_width = 16"));
         let bad = BenbvNetConfig { position_widths: vec![8, 0], ..BenbvNetConfig::tiny() };
-        assert!(bad.validate().unwrap_err().contains("position_widths"));
+        assert!(bad.validate().unwrap_err().to_string().contains("position_widths"));
         let bad = BenbvNetConfig { dropout: 1.0, ..BenbvNetConfig::tiny() };
-        assert!(bad.validate().unwrap_err().contains("dropout"));
+        assert!(bad.validate().unwrap_err().to_string().contains("dropout"));
     }
 }

@@ -21,7 +21,7 @@ pub mod published;
 mod shared_mlp;
 
 pub use benbv::{BenbvNet, NetInput};
-pub use config::BenbvNetConfig;
+pub use config::{BenbvNetConfig, SizeError};
 pub use encode::{EncodeConfig, Encoded, Normalisation};
 pub use loss::{position_weighted_loss, within_decision_loss};
 pub use net_planner::{NetPlanner, NetPlannerConfig, NetPlannerError};

@@ -2,6 +2,7 @@
 //! surface.
 
 use crate::blocks::{self, LinearBn};
+use crate::config::SizeError;
 use crate::nearest::nearest_in_feature_space;
 use crate::published::Network;
 use burn::module::{Initializer, Module, Param, RunningState};
@@ -130,12 +131,12 @@ impl Network for PcNbvNet {
     type Config = PcNbvNetConfig;
     const KIND: &'static str = "pc-nbv";
 
-    fn create(config: &PcNbvNetConfig, device: &Device) -> Result<Self, String> {
+    fn create(config: &PcNbvNetConfig, device: &Device) -> Result<Self, SizeError> {
         if config.points < MIN_POINTS {
-            return Err(format!("points = {}: expected at least {MIN_POINTS}", config.points));
+            return Err(SizeError::value("points", config.points, format!("at least {MIN_POINTS}")));
         }
         if !(config.gain_unit > 0.0 && config.gain_unit.is_finite()) {
-            return Err(format!("gain_unit = {}: expected a positive number", config.gain_unit));
+            return Err(SizeError::value("gain_unit", config.gain_unit, "a positive number"));
         }
         Ok(config.init(device))
     }

@@ -91,7 +91,7 @@ fn outputs_are_in_the_unit_of_the_configuration() {
     assert!(plain.iter().zip(small).all(|(p, s)| (p * 0.05 - s).abs() < 1e-6), "{plain:?} {small:?}");
     let config = PcNbvNetConfig { gain_unit: 0.0, ..PcNbvNetConfig::default() };
     let refused = <PcNbvNet as model::published::Network>::create(&config, &Device::flex());
-    assert!(refused.expect_err("no unit").contains("gain_unit = 0: expected a positive number"));
+    assert!(refused.expect_err("no unit").to_string().contains("gain_unit = 0: expected a positive number"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 """Loads weights that the Rust program exported into PyTorch with strict=True and compares.
 
-    cargo run --release -p model --example convert -- golden/a_net_state_f32.safetensors /tmp/export.safetensors
+    cargo run --release -p train -- convert golden/a_net_state_f32.safetensors /tmp/export.safetensors
     python tests/reference/check_export.py /tmp/export.safetensors [original.safetensors [io.safetensors]]
 
 With the original: floats must be equal bit for bit (or, for a half-precision export, after rounding). With an input

@@ -9,6 +9,7 @@
 
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams};
+use cpu_time::ProcessTime;
 use formats::{CloudPrecision, Fate, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
 use geometry::{PointCloud, View, rng::stream};
 use nalgebra::{Point3, Vector3};
@@ -81,21 +82,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// Samples per second of wall time, and CPU seconds per sample.
 fn measure(samples: usize, work: impl FnOnce()) -> (f64, f64) {
-    let (wall, cpu) = (Instant::now(), cpu_seconds());
+    let (wall, cpu) = (Instant::now(), ProcessTime::now());
     work();
-    (samples as f64 / wall.elapsed().as_secs_f64(), (cpu_seconds() - cpu) / samples as f64)
+    (samples as f64 / wall.elapsed().as_secs_f64(), cpu.elapsed().as_secs_f64() / samples as f64)
 }
 
 fn print(what: &str, (rate, cpu): (f64, f64)) {
     println!("{what}: {rate:.1} samples/s, {:.3} ms CPU a sample", 1e3 * cpu);
-}
-
-/// CPU time of this process so far, from `/proc` (hundredths of a second); 0 where there is none.
-fn cpu_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    let ticks = |i: usize| fields.get(i).and_then(|f| f.parse::<f64>().ok()).unwrap_or(0.0);
-    (ticks(11) + ticks(12)) / 100.0
 }
 
 fn write_set(dir: &Path, samples: usize) -> Result<(), Box<dyn std::error::Error>> {

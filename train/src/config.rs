@@ -284,7 +284,7 @@ impl TrainConfig {
         fn bad(key: &'static str, found: impl ToString, expected: impl Into<String>) -> TrainError {
             TrainError::setting(key, found, expected)
         }
-        self.network.validate().map_err(|text| bad("network", "sizes as given", text))?;
+        self.network.validate().map_err(|text| bad("network", "sizes as given", text.to_string()))?;
         let least_one = [
             ("epochs", u64::from(self.epochs)),
             ("batch", self.batch as u64),

@@ -3,12 +3,12 @@
 use anyhow::{Context, bail};
 use clap::{Args, Parser, Subcommand};
 use formats::Flag;
+use formats::program::{self, CommonArgs};
 use formats::run::{RunDir, new_run_path};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use train::config::NetworkKind;
 use train::data::newest_set;
 use train::pc_nbv::{GainSet, PcNbvTask};
@@ -20,7 +20,8 @@ use train::{BenbvTask, Dataset, Outcome, Run, Task, TrainConfig};
     version,
     args_conflicts_with_subcommands = true,
     after_help = "Example: datagen --dataset procedural --out runs/data/first && train --config configs/tiny/train.toml\n\
-                  Watch: open index.html in the run's directory, or `tensorboard --logdir runs/train`."
+                  Watch: open index.html in the run's directory, or `tensorboard --logdir runs/train`.\n\
+                  Exit codes: 0 done, 1 error, 2 wrong usage, 130 stopped."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -64,28 +65,15 @@ struct TrainArgs {
     /// cpu, or a GPU backend that was compiled in (wgpu, cuda)
     #[arg(long)]
     device: Option<String>,
-    /// Seed of every random stream
-    #[arg(long)]
-    seed: Option<u32>,
-    /// Threads of the computation [default: all cores]
-    #[arg(long)]
-    jobs: Option<usize>,
-    /// Settings file, e.g. configs/tiny/train.toml
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// One setting, e.g. --set optimizer.clip_norm=1 (may be repeated)
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
     /// Print the outcome as JSON on stdout
     #[arg(long)]
     json: bool,
-    /// More messages (-v, -vv)
-    #[arg(short, action = clap::ArgAction::Count)]
-    verbose: u8,
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
 impl TrainArgs {
-    fn flags(&self) -> Vec<Flag> {
+    fn flags(&self) -> [Option<Flag>; 7] {
         let sets: Vec<_> = self.data.iter().map(|p| p.to_string_lossy().into_owned()).collect();
         [
             Flag::given("--network", "kind", self.network.clone()),
@@ -95,38 +83,20 @@ impl TrainArgs {
             Flag::given("--points", "network.points", self.points.map(i64::from)),
             Flag::given("--lr", "optimizer.rate", self.lr),
             Flag::given("--device", "device", self.device.clone()),
-            Flag::given("--seed", "seed", self.seed.map(i64::from)),
         ]
-        .into_iter()
-        .flatten()
-        .collect()
     }
 }
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let level = match cli.train.verbose {
-        0 => "info",
-        1 => "debug",
-        _ => "trace",
-    };
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(format!("warn,train={level}")));
-    tracing_subscriber::fmt().with_env_filter(filter).with_target(false).with_writer(std::io::stderr).init();
-    let result = match &cli.command {
-        Some(Command::Convert(args)) => train::convert::convert(args).map_err(Into::into),
+    cli.train.common.start_messages(["warn,train=info", "warn,train=debug", "warn,train=trace"]);
+    program::finish(match &cli.command {
+        Some(Command::Convert(args)) => train::convert::convert(args).map(|()| ExitCode::SUCCESS).map_err(Into::into),
         None => train_network(&cli.train),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(e) => {
-            eprintln!("error: {e:#}");
-            ExitCode::FAILURE
-        }
-    }
+    })
 }
 
-fn train_network(args: &TrainArgs) -> anyhow::Result<()> {
+fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
     let base = Path::new("runs/train");
     let dir = match (&args.out, args.resume) {
         (Some(out), _) => out.clone(),
@@ -141,27 +111,17 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<()> {
     if started && !args.resume {
         bail!("{dir:?} holds a run already; go on with --resume, or name another directory with --out");
     }
-    let file = match (&args.config, args.resume) {
-        (Some(_), true) => bail!("--resume takes the settings of the run; leave out --config"),
-        (None, true) => Some(dir.join("config.toml")),
-        (file, false) => file.clone(),
-    };
-    let mut config: TrainConfig = formats::config::load(file.as_deref(), &args.set, &args.flags())?;
-    config.validate()?;
-    if let Some(jobs) = args.jobs {
-        rayon::ThreadPoolBuilder::new().num_threads(jobs).build_global().context("--jobs")?;
+    let mut common = args.common.clone();
+    if args.resume && common.config.replace(dir.join("config.toml")).is_some() {
+        bail!("--resume takes the settings of the run; leave out --config");
     }
+    let mut config: TrainConfig = common.settings(args.flags())?;
+    config.validate()?;
+    common.start_threads()?;
     let data = open_data(&mut config)?;
     let mut run_dir = RunDir::create(&dir, "train", &config)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::SeqCst) {
-            std::process::exit(130); // the second time at once; the last checkpoint stays whole
-        }
-        eprintln!("stopping after this step (again: at once)");
-    })
-    .context("cannot watch for Ctrl-C")?;
+    // Asked twice it ends at once; the last checkpoint stays whole.
+    let stop = program::stop_when_asked("stopping after this step (again: at once)")?;
     tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));
     let halt = |_| stop.load(Ordering::SeqCst);
     let run = |data: String| -> anyhow::Result<Run> {
@@ -220,7 +180,7 @@ fn provenance(run: &RunDir, config: &TrainConfig, data: String) -> anyhow::Resul
     ]))
 }
 
-fn report(outcome: &Outcome, dir: &Path, json: bool) -> anyhow::Result<()> {
+fn report(outcome: &Outcome, dir: &Path, json: bool) -> anyhow::Result<ExitCode> {
     let best = outcome.epochs.iter().rfind(|e| e.best);
     if json {
         let value = serde_json::json!({
@@ -230,7 +190,7 @@ fn report(outcome: &Outcome, dir: &Path, json: bool) -> anyhow::Result<()> {
             "epochs": outcome.epochs.len(),
             "best": best,
         });
-        println!("{value}");
+        program::print_line(value)?;
     } else if let Some(e) = best {
         tracing::info!(
             "best epoch {}: regret {:.3} of random's, rank correlation {:.3}, hit rate {:.3}; weights in {:?}",
@@ -241,5 +201,5 @@ fn report(outcome: &Outcome, dir: &Path, json: bool) -> anyhow::Result<()> {
             dir.join("best")
         );
     }
-    Ok(())
+    Ok(if outcome.finished { ExitCode::SUCCESS } else { ExitCode::from(program::STOPPED) })
 }

@@ -287,8 +287,8 @@ fn train_step<T: Task>(
 
 fn fresh_learner<T: Task>(task: &T, config: &TrainConfig, device: &Device) -> Result<Learner<T::Net>, TrainError> {
     device.seed(stream(config.seed, "train/weights").next_u64());
-    let net =
-        T::Net::create(&task.network(), device).map_err(|e| TrainError::setting("network", "sizes as given", e))?;
+    let net = T::Net::create(&task.network(), device)
+        .map_err(|e| TrainError::setting("network", "sizes as given", e.to_string()))?;
     draw_weights(&net);
     let average = (config.optimizer.average_decay > 0.0).then(|| net.valid());
     Ok(Learner { net: net.train(), average, optimizer: optimizer(config) })

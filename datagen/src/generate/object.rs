@@ -2,7 +2,7 @@
 
 use super::{GenerateError, Job, Outcome, lock, shard_path, skip_path};
 use crate::dataset::{Object, load_mesh};
-use crate::episode::run_episode_with;
+use crate::episode::{VoidEpisode, run_episode_with};
 use crate::scene::Scene;
 use crate::search::SearchPlanner;
 use formats::run::{atomic_write, hex, remove_temporaries};
@@ -41,7 +41,7 @@ pub(super) fn make(
     // A flaw of ours in one odd mesh must not cost the night's run: it is listed like any other reason.
     let made = catch_unwind(AssertUnwindSafe(|| scan_object(job, hash, object))).unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-        let reason = format!("internal error: {}", text.unwrap_or("unknown"));
+        let reason = Unusable::Internal(text.unwrap_or("unknown").to_owned());
         tracing::error!("{}: {reason}", object.name);
         Ok(Err(reason))
     })?;
@@ -55,6 +55,7 @@ pub(super) fn make(
             Ok(Outcome::Done { record, kept: false })
         }
         Err(reason) => {
+            let reason = reason.to_string();
             let record = record(object, Fate::Skipped { reason: reason.clone() });
             let mut text = serde_json::to_string_pretty(&record).unwrap_or_default();
             text.push('\n');
@@ -69,24 +70,41 @@ fn record(object: &Object, fate: Fate) -> ObjectRecord {
     ObjectRecord { object: object.name.clone(), category: object.category.clone(), split: object.split, fate }
 }
 
+/// Why an object cannot be used.
+#[derive(Debug, thiserror::Error)]
+enum Unusable {
+    #[error(transparent)]
+    Mesh(#[from] FormatError),
+    #[error("the mesh has no extent")]
+    NoExtent,
+    #[error("the mesh has no area")]
+    NoArea,
+    #[error(transparent)]
+    Void(#[from] VoidEpisode),
+    #[error("the first scan has no boundary: there is nothing to decide")]
+    NoBoundary,
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
 /// One episode as a shard, or the reason why the object cannot be used. Errors are those that concern the run.
 fn scan_object(
     job: &Job,
     hash: &str,
     object: &Object,
-) -> Result<Result<(ShardWriter, ObjectRecord), String>, FormatError> {
+) -> Result<Result<(ShardWriter, ObjectRecord), Unusable>, FormatError> {
     let config = job.config;
     let mesh = match load_mesh(object) {
         Ok(mesh) => mesh.normalized(config.object_diagonal_m),
-        Err(error) => return Ok(Err(error.to_string())),
+        Err(error) => return Ok(Err(error.into())),
     };
     let (low, high) = mesh.bounding_box();
     if (high - low).norm() == 0.0 {
-        return Ok(Err("the mesh has no extent".to_owned()));
+        return Ok(Err(Unusable::NoExtent));
     }
     let samples = surface_samples(job, object, &mesh)?;
     if samples.is_empty() {
-        return Ok(Err("the mesh has no area".to_owned()));
+        return Ok(Err(Unusable::NoArea));
     }
     let scene = Scene::new(mesh);
     let mut planner = SearchPlanner::new(&scene, &samples, config.search());
@@ -113,10 +131,10 @@ fn scan_object(
         });
     let episode = match episode {
         Ok(episode) => episode,
-        Err(void) => return Ok(Err(void.to_string())),
+        Err(void) => return Ok(Err(void.into())),
     };
     if decisions.is_empty() {
-        return Ok(Err("the first scan has no boundary: there is nothing to decide".to_owned()));
+        return Ok(Err(Unusable::NoBoundary));
     }
     let fate = Fate::Done {
         shard: relative(job.out, &shard_path(job.out, &object.name)),

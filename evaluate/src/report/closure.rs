@@ -1,6 +1,7 @@
 //! How much of what the search leads the simple rules by a policy closes.
 
-use super::table::{Table, number};
+use super::rows::ClosureRow;
+use super::table::Table;
 use crate::bootstrap::{efficiency_lead, gap_closure};
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
@@ -33,13 +34,17 @@ pub fn gap_closures(contents: &Contents, config: &EvaluateConfig, policies: &[St
          leads it by {1:.2} [{2:.2}, {3:.2}]. Intervals over episodes.",
         config.baseline, lead.value, lead.low, lead.high
     );
-    let mut table = Table::new(&title, &note, &["policy", "closure", "95 % episodes"]);
-    for policy in policies.iter().filter(|p| **p != config.baseline && *p != name) {
+    let of = |policy: &String| {
         let closure = gap_closure(&runs(policy), &best, &baseline, never, n, seed);
-        let range = closure.map_or_else(|| "-".to_owned(), |i| format!("[{:.2}, {:.2}]", i.low, i.high));
-        table.rows.push(vec![policy.clone(), number(closure.map(|i| i.value), 2), range]);
-    }
-    Some(table)
+        ClosureRow {
+            policy: policy.clone(),
+            closure: closure.map(|i| i.value),
+            closure_ci_episodes_low: closure.map(|i| i.low),
+            closure_ci_episodes_high: closure.map(|i| i.high),
+        }
+    };
+    let rows: Vec<_> = policies.iter().filter(|p| **p != config.baseline && *p != name).map(of).collect();
+    Some(Table::of(&title, &note, &rows))
 }
 
 #[cfg(test)]

@@ -111,10 +111,11 @@ fn deviation(column: &Column) -> Option<f64> {
 /// Object by object: ours, the published code's, and whether they agree within three standard errors of both sides. The
 /// published code's own runs give no errors; the deviation of our episodes stands for theirs.
 pub fn beside_the_published_code(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Table {
-    let mut header = vec!["object", "policy", "runs"];
+    let mut header = ["object", "policy", "runs"].map(str::to_owned).to_vec();
     for (_, _, name) in COMPARED {
-        header.extend([name, "published", "diff / se"]);
+        header.extend([name.to_owned(), format!("{name}, published"), format!("{name}, diff / se")]);
     }
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
     let mut table = Table::new(
         "Beside the published code's own runs",
         "diff / se: difference over the sum of both standard errors, that of the published code's few runs taken from the \

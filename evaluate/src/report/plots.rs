@@ -22,23 +22,23 @@ fn color(i: usize) -> RGBColor {
     RGBColor(r, g, b)
 }
 
+/// Why there is no plot.
+type PlotError = DrawingAreaErrorKind<std::io::Error>;
+
 /// An SVG drawn by `draw`; a sentence instead where the drawing fails.
 fn svg(
     width: u32,
     height: u32,
-    draw: impl FnOnce(&DrawingArea<SVGBackend, plotters::coord::Shift>) -> Result<(), String>,
+    draw: impl FnOnce(&DrawingArea<SVGBackend, plotters::coord::Shift>) -> Result<(), PlotError>,
 ) -> String {
     let mut text = String::new();
     let outcome = {
         let area = SVGBackend::with_string(&mut text, (width, height)).into_drawing_area();
-        area.fill(&WHITE)
-            .map_err(|e| e.to_string())
-            .and_then(|()| draw(&area))
-            .and_then(|()| area.present().map_err(|e| e.to_string()))
+        area.fill(&WHITE).and_then(|()| draw(&area)).and_then(|()| area.present())
     };
     match outcome {
         Ok(()) => text,
-        Err(message) => format!("<p>No plot: {}</p>", super::table::escape(&message)),
+        Err(error) => format!("<p>No plot: {}</p>", formats::html::escape(&error.to_string())),
     }
 }
 
@@ -54,25 +54,21 @@ pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &
         })
         .collect();
     svg(1100, 520, |area| {
-        let fail = |e: &dyn std::fmt::Display| e.to_string();
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .x_label_area_size(42)
             .y_label_area_size(52)
-            .build_cartesian_2d(1.0..config.episode.num_views as f64 + 1.0, 15.0..100.0)
-            .map_err(|e| fail(&e))?;
+            .build_cartesian_2d(1.0..config.episode.num_views as f64 + 1.0, 15.0..100.0)?;
         chart
             .configure_mesh()
             .x_desc("views, the first scan included")
             .y_desc("coverage, %")
             .x_label_formatter(&|x| format!("{x:.0}"))
-            .draw()
-            .map_err(|e| fail(&e))?;
+            .draw()?;
         for (i, (policy, curve)) in policies.iter().zip(curves).enumerate() {
             let style = color(i).stroke_width(if i < 10 { 2 } else { 1 });
             chart
-                .draw_series(LineSeries::new(curve, style))
-                .map_err(|e| fail(&e))?
+                .draw_series(LineSeries::new(curve, style))?
                 .label(policy.as_str())
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], style));
         }
@@ -82,7 +78,6 @@ pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &
             .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))
             .draw()
-            .map_err(|e| fail(&e))
     })
 }
 
@@ -90,13 +85,11 @@ pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &
 pub fn overlap_boxes(contents: &Contents, policies: &[String]) -> String {
     let width = (120 + 150 * policies.len()) as u32;
     svg(width, 420, |area| {
-        let fail = |e: &dyn std::fmt::Display| e.to_string();
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .x_label_area_size(42)
             .y_label_area_size(52)
-            .build_cartesian_2d(-0.6..policies.len() as f64 - 0.4, 0f32..100f32)
-            .map_err(|e| fail(&e))?;
+            .build_cartesian_2d(-0.6..policies.len() as f64 - 0.4, 0f32..100f32)?;
         chart
             .configure_mesh()
             .disable_x_mesh()
@@ -110,8 +103,7 @@ pub fn overlap_boxes(contents: &Contents, policies: &[String]) -> String {
                 }
             })
             .y_desc("overlap, %")
-            .draw()
-            .map_err(|e| fail(&e))?;
+            .draw()?;
         for (i, policy) in policies.iter().enumerate() {
             let runs = Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
             for n in 1..=3u8 {
@@ -122,7 +114,7 @@ pub fn overlap_boxes(contents: &Contents, policies: &[String]) -> String {
                 let x = i as f64 + 0.24 * (f64::from(n) - 2.0);
                 let plot =
                     Boxplot::new_vertical(x, &Quartiles::new(&values)).width(14).style(color(usize::from(n) - 1));
-                chart.draw_series([plot]).map_err(|e| fail(&e))?;
+                chart.draw_series([plot])?;
             }
         }
         Ok(())

@@ -55,8 +55,8 @@ pub fn html(object: &Object, record: &EpisodeRecord, config: &EvaluateConfig) ->
         "<h2>One episode: {} on {}</h2><p>Drag to turn. Points are coloured by scan, rays point to the cameras.</p>\
          <canvas id=\"replay\"></canvas><p><input id=\"step\" type=\"range\" min=\"1\" max=\"{}\" value=\"{}\" style=\"width:60%\"> \
          <span id=\"caption\"></span></p><script>const DATA={{points:\"{data}\",ends:{scans:?},cameras:[{}],coverages:[{}]}};\n{}</script>",
-        super::table::escape(&record.key.policy),
-        super::table::escape(&object.name),
+        formats::html::escape(&record.key.policy),
+        formats::html::escape(&object.name),
         record.views.len(),
         record.views.len(),
         cameras.join(","),

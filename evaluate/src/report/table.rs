@@ -1,6 +1,17 @@
-//! A table of text cells, written as Markdown, HTML or CSV.
+//! A table of text cells for readers, written as Markdown or HTML, and rows written as CSV.
 
+use formats::html::escape;
+use serde::Serialize;
 use std::fmt::Write;
+
+/// A row that knows its columns: `Serialize` names them for programs, this trait for readers.
+pub trait Row: Serialize {
+    /// Column names for readers; none stands twice.
+    const HEADINGS: &'static [&'static str];
+
+    /// Cells for readers, as many as there are headings.
+    fn cells(&self) -> Vec<String>;
+}
 
 /// Title, note, header and rows; the first column names the row.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,6 +31,11 @@ impl Table {
     pub fn new(title: &str, note: &str, header: &[&str]) -> Self {
         let header = header.iter().map(|h| (*h).to_owned()).collect();
         Self { title: title.to_owned(), note: note.to_owned(), header, rows: Vec::new() }
+    }
+
+    /// The table of these rows.
+    pub fn of<R: Row>(title: &str, note: &str, rows: &[R]) -> Self {
+        Self { rows: rows.iter().map(R::cells).collect(), ..Self::new(title, note, R::HEADINGS) }
     }
 
     /// As Markdown with a heading of the second level.
@@ -52,20 +68,18 @@ impl Table {
             line(&self.header, "th")
         )
     }
-
-    /// As CSV with a header line.
-    pub fn to_csv(&self) -> String {
-        let cell = |c: &String| {
-            if c.contains([',', '"', '\n']) { format!("\"{}\"", c.replace('"', "\"\"")) } else { c.clone() }
-        };
-        let line = |cells: &Vec<String>| cells.iter().map(cell).collect::<Vec<_>>().join(",") + "\n";
-        std::iter::once(&self.header).chain(&self.rows).map(line).collect()
-    }
 }
 
-/// Text that is safe inside HTML.
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+/// Writes rows as CSV under a line with the names of their fields.
+///
+/// # Errors
+/// What the operating system refuses.
+pub fn write_csv<R: Serialize>(w: impl std::io::Write, rows: impl IntoIterator<Item = R>) -> std::io::Result<()> {
+    let mut writer = csv::Writer::from_writer(w);
+    for row in rows {
+        writer.serialize(row)?;
+    }
+    writer.flush()
 }
 
 /// A number with this many decimals; a dash where there is none.
@@ -73,17 +87,37 @@ pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.filter(|v| v.is_finite()).map_or_else(|| "-".to_owned(), |v| format!("{v:.decimals$}"))
 }
 
+/// An interval with this many decimals; a dash where there is none.
+pub fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
+    low.zip(high).map_or_else(|| "-".to_owned(), |(low, high)| format!("[{low:.decimals$}, {high:.decimals$}]"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    #[derive(Serialize)]
+    struct Mine {
+        x: &'static str,
+        y: Option<f64>,
+    }
+
+    impl Row for Mine {
+        const HEADINGS: &'static [&'static str] = &["x", "y"];
+
+        fn cells(&self) -> Vec<String> {
+            vec![self.x.to_owned(), number(self.y, 1)]
+        }
+    }
+
     #[test]
     fn three_forms() {
-        let mut table = Table::new("T", "a < b", &["x", "y"]);
-        table.rows.push(vec!["p|q".into(), number(Some(1.25), 1)]);
+        let rows = [Mine { x: "p|q", y: Some(1.25) }, Mine { x: "a,\"b", y: None }];
+        let table = Table::of("T", "a < b", &rows);
         assert!(table.to_markdown().contains("| p\\|q | 1.2 |"), "{}", table.to_markdown());
         assert!(table.to_html().contains("a &lt; b") && table.to_html().contains("<td>p|q</td>"));
-        table.rows.push(vec!["a,b".into(), number(None, 2)]);
-        assert_eq!(table.to_csv(), "x,y\np|q,1.2\n\"a,b\",-\n");
+        let mut csv = Vec::new();
+        write_csv(&mut csv, &rows).expect("written");
+        assert_eq!(String::from_utf8_lossy(&csv), "x,y\np|q,1.25\n\"a,\"\"b\",\n");
     }
 }

@@ -1,183 +1,176 @@
 //! The tables of a run.
 
-use super::table::{Table, number};
+use super::rows::{ObjectRow, PairedRow, PolicyRow, SkippedRow, TimeRow};
+use super::table::Table;
 use crate::bootstrap::{Interval, Over, difference, draws, efficiency_interval, efficiency_ratio, mean_interval};
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, efficiency, mean};
+use crate::record::EpisodeRecord;
 use datagen::End;
+use serde::Serialize;
 
-/// The overall table, differences from the baseline, the paper's rows beside them, objects, and what was skipped.
-pub fn results(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<Table> {
-    let mut list = vec![overall(contents, config, policies)];
-    list.extend(against_baseline(contents, config, policies));
-    list.extend(super::closure::gap_closures(contents, config, policies));
-    if config.episode.render.pixel_shift {
-        list.push(super::paper::beside_the_paper(contents, config, policies));
-        list.push(super::paper::beside_the_published_code(contents, config, policies));
+/// The rows of a run: what `--json` prints and the CSV files hold.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rows {
+    /// Policies over all objects.
+    pub policies: Vec<PolicyRow>,
+    /// Policies paired with the baseline; empty without episodes of the baseline.
+    pub paired: Vec<PairedRow>,
+    /// Policies object by object.
+    pub objects: Vec<ObjectRow>,
+    /// What was not run.
+    pub skipped: Vec<SkippedRow>,
+}
+
+impl Rows {
+    /// Of a run.
+    pub fn of(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Self {
+        let skipped = |s: &crate::record::Skipped| SkippedRow {
+            object: s.key.object.clone(),
+            policy: s.key.policy.clone(),
+            episode: s.key.episode,
+            reason: s.reason.clone(),
+        };
+        Self {
+            policies: policies.iter().map(|policy| overall(&runs(contents, policy), config, policy)).collect(),
+            paired: against_baseline(contents, config, policies),
+            objects: per_object(contents, config, policies),
+            skipped: contents.skipped.iter().map(skipped).collect(),
+        }
     }
-    list.push(per_object(contents, config, policies));
-    list.extend(skipped(contents));
-    list
+
+    /// The overall table.
+    pub fn overall(&self) -> Table {
+        Table::of(
+            "All objects",
+            "Means over objects of means over episodes. Efficiency = mean final coverage / mean views to 90 %; its intervals are \
+             over episodes (objects fixed) and over objects. cv3: coefficient of variation of overlaps 1 to 3 per episode; \
+             cv all: of all overlaps; cv list: of the list averaged over episodes. never: episodes that do not reach 90 %.",
+            &self.policies,
+        )
+    }
+
+    /// Every table of a run: the overall one, differences from the baseline, the paper's rows beside ours, objects, and
+    /// what was skipped.
+    pub fn tables(&self, contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<Table> {
+        let mut list = vec![self.overall()];
+        if !runs(contents, &config.baseline).is_empty() {
+            list.push(Table::of(
+                &format!("Paired with {}", config.baseline),
+                "Episodes of one object and number start from the same view. Ratio of efficiencies with intervals over episodes and \
+                 over objects; differences with intervals over episodes.",
+                &self.paired,
+            ));
+        }
+        list.extend(super::closure::gap_closures(contents, config, policies));
+        if config.episode.render.pixel_shift {
+            list.push(super::paper::beside_the_paper(contents, config, policies));
+            list.push(super::paper::beside_the_published_code(contents, config, policies));
+        }
+        list.push(Table::of("Object by object", "se: standard error over episodes.", &self.objects));
+        if !self.skipped.is_empty() {
+            list.push(Table::of("Not run", "", &self.skipped));
+        }
+        list
+    }
 }
 
 fn runs<'a>(contents: &'a Contents, policy: &str) -> Runs<'a> {
     Runs::of(contents.episodes.iter().map(|(r, _)| r), policy)
 }
 
-fn range(interval: Option<Interval>, decimals: usize) -> String {
-    interval.map_or_else(|| "-".to_owned(), |i| format!("[{:.decimals$}, {:.decimals$}]", i.low, i.high))
+fn low(interval: Option<Interval>) -> Option<f64> {
+    interval.map(|i| i.low)
 }
 
-fn overall(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Table {
-    let mut table = Table::new(
-        "All objects",
-        "Means over objects of means over episodes. Efficiency = mean final coverage / mean views to 90 %; its intervals are \
-         over episodes (objects fixed) and over objects. cv3: coefficient of variation of overlaps 1 to 3 per episode; \
-         cv all: of all overlaps; cv list: of the list averaged over episodes. never: episodes that do not reach 90 %.",
-        &[
-            "policy",
-            "episodes",
-            "coverage %",
-            "95 % episodes",
-            "efficiency",
-            "95 % episodes",
-            "95 % objects",
-            "v50",
-            "v80",
-            "v90",
-            "overlap 1",
-            "2",
-            "3",
-            "cv3",
-            "cv all",
-            "cv list",
-            "CD mm",
-            "HD mm",
-            "never",
-            "empty scans",
-            "ended early",
-        ],
-    );
-    for policy in policies {
-        let runs = runs(contents, policy);
-        let never = config.never;
-        let column = |f| runs.column(f, never);
-        let m = |f| column(f).mean();
-        let final_coverage = column(Figure::FinalCoverage);
-        let drawn = |over| draws(&final_coverage.sizes(), over, config.resamples, config.seed);
-        let (episodes, objects) = (drawn(Over::Episodes), drawn(Over::Objects));
-        let count =
-            |f: &dyn Fn(&crate::record::EpisodeRecord) -> usize| runs.records().map(f).sum::<usize>().to_string();
-        table.rows.push(vec![
-            policy.clone(),
-            runs.len().to_string(),
-            number(final_coverage.mean(), 2),
-            range(mean_interval(&final_coverage, &episodes), 2),
-            number(efficiency(final_coverage.mean(), m(Figure::ViewsTo(90))), 2),
-            range(efficiency_interval(&runs, never, &episodes), 2),
-            range(efficiency_interval(&runs, never, &objects), 2),
-            number(m(Figure::ViewsTo(50)), 2),
-            number(m(Figure::ViewsTo(80)), 2),
-            number(m(Figure::ViewsTo(90)), 2),
-            number(m(Figure::Overlap(1)), 1),
-            number(m(Figure::Overlap(2)), 1),
-            number(m(Figure::Overlap(3)), 1),
-            number(m(Figure::Cv3), 1),
-            number(m(Figure::CvAll), 1),
-            number(runs.cv_of_mean_list(), 1),
-            number(m(Figure::Chamfer), 3),
-            number(m(Figure::Hausdorff), 2),
-            count(&|r| usize::from(geometry::metrics::views_to(&r.coverages, 0.9).is_none())),
-            count(&|r| r.overlaps.iter().filter(|o| o.is_none()).count()),
-            count(&|r| usize::from(r.end == End::NoView)),
-        ]);
+fn high(interval: Option<Interval>) -> Option<f64> {
+    interval.map(|i| i.high)
+}
+
+fn value(interval: Option<Interval>) -> Option<f64> {
+    interval.map(|i| i.value)
+}
+
+fn overall(runs: &Runs, config: &EvaluateConfig, policy: &str) -> PolicyRow {
+    let never = config.never;
+    let column = |f| runs.column(f, never);
+    let m = |f| column(f).mean();
+    let final_coverage = column(Figure::FinalCoverage);
+    let drawn = |over| draws(&final_coverage.sizes(), over, config.resamples, config.seed);
+    let (episodes, objects) = (drawn(Over::Episodes), drawn(Over::Objects));
+    let count = |f: &dyn Fn(&EpisodeRecord) -> usize| runs.records().map(f).sum::<usize>();
+    let coverage = mean_interval(&final_coverage, &episodes);
+    let over_episodes = efficiency_interval(runs, never, &episodes);
+    let over_objects = efficiency_interval(runs, never, &objects);
+    PolicyRow {
+        policy: policy.to_owned(),
+        episodes: runs.len(),
+        coverage_percent: final_coverage.mean(),
+        coverage_percent_ci_episodes_low: low(coverage),
+        coverage_percent_ci_episodes_high: high(coverage),
+        efficiency: efficiency(final_coverage.mean(), m(Figure::ViewsTo(90))),
+        efficiency_ci_episodes_low: low(over_episodes),
+        efficiency_ci_episodes_high: high(over_episodes),
+        efficiency_ci_objects_low: low(over_objects),
+        efficiency_ci_objects_high: high(over_objects),
+        views_to_50: m(Figure::ViewsTo(50)),
+        views_to_80: m(Figure::ViewsTo(80)),
+        views_to_90: m(Figure::ViewsTo(90)),
+        overlap_1_percent: m(Figure::Overlap(1)),
+        overlap_2_percent: m(Figure::Overlap(2)),
+        overlap_3_percent: m(Figure::Overlap(3)),
+        cv3_percent: m(Figure::Cv3),
+        cv_all_percent: m(Figure::CvAll),
+        cv_list_percent: runs.cv_of_mean_list(),
+        chamfer_mm: m(Figure::Chamfer),
+        hausdorff_mm: m(Figure::Hausdorff),
+        episodes_below_90: count(&|r| usize::from(geometry::metrics::views_to(&r.coverages, 0.9).is_none())),
+        empty_scans: count(&|r| r.overlaps.iter().filter(|o| o.is_none()).count()),
+        episodes_ended_early: count(&|r| usize::from(r.end == End::NoView)),
     }
-    table
 }
 
-fn against_baseline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Option<Table> {
+fn against_baseline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<PairedRow> {
     let baseline = runs(contents, &config.baseline);
     if baseline.is_empty() {
-        return None;
+        return Vec::new();
     }
-    let title = format!("Paired with {}", config.baseline);
-    let mut table = Table::new(
-        &title,
-        "Episodes of one object and number start from the same view. Ratio of efficiencies with intervals over episodes and \
-         over objects; differences with intervals over episodes.",
-        &[
-            "policy",
-            "pairs",
-            "efficiency ratio",
-            "95 % episodes",
-            "95 % objects",
-            "coverage, points",
-            "95 %",
-            "v90, views",
-            "95 %",
-            "cv3, points",
-            "95 %",
-        ],
-    );
-    for policy in policies.iter().filter(|p| **p != config.baseline) {
+    let (never, n, seed) = (config.never, config.resamples, config.seed);
+    let of = |policy: &String| {
         let runs = runs(contents, policy);
-        let (never, n, seed) = (config.never, config.resamples, config.seed);
-        let pairs = runs.paired(&baseline).0.len();
         let ratio = |over| efficiency_ratio(&runs, &baseline, never, over, n, seed);
         let differ = |figure| difference(&runs, &baseline, figure, never, Over::Episodes, n, seed);
-        let value = |i: Option<Interval>, decimals| number(i.map(|i| i.value), decimals);
         let (episodes, objects) = (ratio(Over::Episodes), ratio(Over::Objects));
         let [c, v, cv] = [Figure::FinalCoverage, Figure::ViewsTo(90), Figure::Cv3].map(differ);
-        table.rows.push(vec![
-            policy.clone(),
-            pairs.to_string(),
-            value(episodes, 3),
-            range(episodes, 3),
-            range(objects, 3),
-            value(c, 2),
-            range(c, 2),
-            value(v, 2),
-            range(v, 2),
-            value(cv, 1),
-            range(cv, 1),
-        ]);
-    }
-    Some(table)
+        PairedRow {
+            policy: policy.clone(),
+            baseline: config.baseline.clone(),
+            pairs: runs.paired(&baseline).0.len(),
+            ratio: value(episodes),
+            ratio_ci_episodes_low: low(episodes),
+            ratio_ci_episodes_high: high(episodes),
+            ratio_ci_objects_low: low(objects),
+            ratio_ci_objects_high: high(objects),
+            coverage_difference_points: value(c),
+            coverage_difference_points_ci_episodes_low: low(c),
+            coverage_difference_points_ci_episodes_high: high(c),
+            views_to_90_difference: value(v),
+            views_to_90_difference_ci_episodes_low: low(v),
+            views_to_90_difference_ci_episodes_high: high(v),
+            cv3_difference_points: value(cv),
+            cv3_difference_points_ci_episodes_low: low(cv),
+            cv3_difference_points_ci_episodes_high: high(cv),
+        }
+    };
+    policies.iter().filter(|p| **p != config.baseline).map(of).collect()
 }
 
 /// One row per object and policy, with standard errors.
-pub fn per_object(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Table {
-    let mut table = Table::new(
-        "Object by object",
-        "se: standard error over episodes.",
-        &[
-            "object",
-            "policy",
-            "episodes",
-            "coverage %",
-            "se",
-            "efficiency",
-            "v50",
-            "v80",
-            "v90",
-            "se",
-            "overlap 1",
-            "se",
-            "2",
-            "se",
-            "3",
-            "se",
-            "cv3",
-            "cv all",
-            "CD mm",
-            "HD mm",
-            "first scan %",
-            "void draws",
-        ],
-    );
+fn per_object(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<ObjectRow> {
     let mut objects: Vec<&str> = contents.episodes.iter().map(|(r, _)| r.key.object.as_str()).collect();
     objects.dedup();
+    let mut rows = Vec::new();
     for object in objects {
         for policy in policies {
             let runs = runs(contents, policy).object(object);
@@ -186,53 +179,114 @@ pub fn per_object(contents: &Contents, config: &EvaluateConfig, policies: &[Stri
             }
             let column = |f| runs.column(f, config.never);
             let m = |f| column(f).mean();
-            let se = |f, d| number(column(f).standard_error(), d);
-            let mut row = vec![object.to_owned(), policy.clone(), runs.len().to_string()];
-            row.extend([number(m(Figure::FinalCoverage), 2), se(Figure::FinalCoverage, 2)]);
-            row.push(number(efficiency(m(Figure::FinalCoverage), m(Figure::ViewsTo(90))), 2));
-            row.extend([50, 80, 90].map(|level| number(m(Figure::ViewsTo(level)), 2)));
-            row.push(se(Figure::ViewsTo(90), 2));
-            for n in 1..=3 {
-                row.extend([number(m(Figure::Overlap(n)), 1), se(Figure::Overlap(n), 1)]);
-            }
-            row.extend([Figure::Cv3, Figure::CvAll].map(|f| number(m(f), 1)));
-            row.extend([number(m(Figure::Chamfer), 3), number(m(Figure::Hausdorff), 2)]);
-            row.push(number(m(Figure::FirstCoverage), 2));
-            row.push(runs.records().map(|r| r.void_draws).sum::<usize>().to_string());
-            table.rows.push(row);
+            let se = |f| column(f).standard_error();
+            rows.push(ObjectRow {
+                object: object.to_owned(),
+                policy: policy.clone(),
+                episodes: runs.len(),
+                coverage_percent: m(Figure::FinalCoverage),
+                coverage_percent_se: se(Figure::FinalCoverage),
+                efficiency: efficiency(m(Figure::FinalCoverage), m(Figure::ViewsTo(90))),
+                views_to_50: m(Figure::ViewsTo(50)),
+                views_to_80: m(Figure::ViewsTo(80)),
+                views_to_90: m(Figure::ViewsTo(90)),
+                views_to_90_se: se(Figure::ViewsTo(90)),
+                overlap_1_percent: m(Figure::Overlap(1)),
+                overlap_1_percent_se: se(Figure::Overlap(1)),
+                overlap_2_percent: m(Figure::Overlap(2)),
+                overlap_2_percent_se: se(Figure::Overlap(2)),
+                overlap_3_percent: m(Figure::Overlap(3)),
+                overlap_3_percent_se: se(Figure::Overlap(3)),
+                cv3_percent: m(Figure::Cv3),
+                cv_all_percent: m(Figure::CvAll),
+                chamfer_mm: m(Figure::Chamfer),
+                hausdorff_mm: m(Figure::Hausdorff),
+                first_coverage_percent: m(Figure::FirstCoverage),
+                void_draws: runs.records().map(|r| r.void_draws).sum(),
+            });
         }
     }
-    table
+    rows
 }
 
 /// Times: differ from run to run.
 pub fn timing(contents: &Contents, policies: &[String]) -> Table {
-    let mut table = Table::new(
-        "Time",
-        "Processor seconds of an episode on one thread, the simulated scans included; decisions in wall time on the machine of \
-         the run, other threads busy. Unlike all else here these differ from run to run.",
-        &["policy", "s per episode", "objects per core second", "ms per decision, mean", "median"],
-    );
-    for policy in policies {
+    let of = |policy: &String| {
         let times = || contents.episodes.iter().filter(|(r, _)| r.key.policy == *policy).map(|(_, t)| t);
         let seconds = mean(times().map(|t| t.episode_s));
         let mut decisions: Vec<f64> = times().flat_map(|t| t.decisions_s.iter().copied()).collect();
         decisions.sort_by(f64::total_cmp);
-        table.rows.push(vec![
-            policy.clone(),
-            number(seconds, 3),
-            number(seconds.map(|s| 1.0 / s), 1),
-            number(mean(decisions.iter().map(|d| 1e3 * d)), 2),
-            number(decisions.get(decisions.len() / 2).map(|d| 1e3 * d), 2),
-        ]);
-    }
-    table
+        TimeRow {
+            policy: policy.clone(),
+            episode_cpu_s: seconds,
+            objects_per_cpu_s: seconds.map(|s| 1.0 / s),
+            decision_mean_ms: mean(decisions.iter().map(|d| 1e3 * d)),
+            decision_median_ms: decisions.get(decisions.len() / 2).map(|d| 1e3 * d),
+        }
+    };
+    Table::of(
+        "Time",
+        "Processor seconds of an episode on one thread, the simulated scans included; decisions in wall time on the machine of \
+         the run, other threads busy. Unlike all else here these differ from run to run.",
+        &policies.iter().map(of).collect::<Vec<_>>(),
+    )
 }
 
-fn skipped(contents: &Contents) -> Option<Table> {
-    let mut table = Table::new("Not run", "", &["object", "policy", "episode", "why"]);
-    for s in &contents.skipped {
-        table.rows.push(vec![s.key.object.clone(), s.key.policy.clone(), s.key.episode.to_string(), s.reason.clone()]);
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+    use crate::record::{EpisodeKey, Skipped, Timing};
+    use crate::report::table::write_csv;
+    use std::collections::BTreeSet;
+
+    fn contents() -> Contents {
+        let of = |(policy, episode): (&str, usize)| {
+            let coverages = [0.5, 0.6 + 0.1 * episode as f64, 0.95];
+            (
+                record("a", policy, episode, &coverages, &[Some(0.4), Some(0.5)]),
+                Timing { episode_s: 1.0, decisions_s: vec![] },
+            )
+        };
+        let key = EpisodeKey { object: "a, b".into(), policy: "mine".into(), episode: 0 };
+        Contents {
+            episodes: [("benbv", 0), ("benbv", 1), ("mine", 0), ("mine", 1)].map(of).to_vec(),
+            skipped: vec![Skipped { key, reason: "\"void\"".into() }],
+        }
     }
-    (!table.rows.is_empty()).then_some(table)
+
+    #[test]
+    fn no_column_stands_twice_and_every_number_is_there() {
+        let (contents, config) = (contents(), EvaluateConfig::default());
+        let policies = ["benbv", "mine"].map(str::to_owned);
+        let rows = Rows::of(&contents, &config, &policies);
+        let paper = EvaluateConfig::paper();
+        for table in rows.tables(&contents, &config, &policies).iter().chain(&rows.tables(&contents, &paper, &policies))
+        {
+            let unique: BTreeSet<&String> = table.header.iter().collect();
+            assert_eq!(unique.len(), table.header.len(), "{:?}: {:?}", table.title, table.header);
+            assert!(table.rows.iter().all(|row| row.len() == table.header.len()), "{}", table.title);
+        }
+        let json = serde_json::to_value(&rows).expect("JSON");
+        let row = &json["policies"][1];
+        for key in ["coverage_percent", "efficiency"] {
+            let of = |end: &str| row[format!("{key}{end}")].as_f64().unwrap_or_else(|| panic!("{key}{end}: {row}"));
+            assert!(of("_ci_episodes_low") <= of("") && of("") <= of("_ci_episodes_high"), "{row}");
+        }
+        assert_eq!(json["paired"][0]["ratio"].as_f64(), Some(1.0));
+        let csv = |write: &dyn Fn(&mut Vec<u8>) -> std::io::Result<()>| {
+            let mut bytes = Vec::new();
+            write(&mut bytes).expect("written");
+            let mut reader = csv::Reader::from_reader(&bytes[..]);
+            let header: Vec<String> = reader.headers().expect("header").iter().map(str::to_owned).collect();
+            assert_eq!(header.iter().collect::<BTreeSet<_>>().len(), header.len(), "{header:?}");
+            reader.records().collect::<Result<Vec<_>, _>>().expect("records")
+        };
+        for rows in [csv(&|w| write_csv(w, &rows.objects)), csv(&|w| write_csv(w, &rows.policies))] {
+            assert_eq!(rows.len(), 2);
+        }
+        assert_eq!(csv(&|w| write_csv(w, &rows.paired)).len(), 1);
+        let skipped = csv(&|w| write_csv(w, &rows.skipped));
+        assert_eq!((&skipped[0][0], &skipped[0][3]), ("a, b", "\"void\""), "names are quoted");
+    }
 }

@@ -8,7 +8,7 @@ pub use export::{Precision, to_safetensors};
 pub use import::{apply, read_file, read_safetensors};
 
 use crate::benbv::BenbvNet;
-use crate::config::BenbvNetConfig;
+use crate::config::{BenbvNetConfig, SizeError};
 use burn::store::ModuleSnapshot;
 use burn::tensor::Device;
 use serde::Serialize;
@@ -21,8 +21,8 @@ pub trait Network: ModuleSnapshot {
     /// Its name in a checkpoint.
     const KIND: &'static str;
 
-    /// Fresh weights, or in words what makes the sizes impossible.
-    fn create(config: &Self::Config, device: &Device) -> Result<Self, String>;
+    /// Fresh weights, or what makes the sizes impossible.
+    fn create(config: &Self::Config, device: &Device) -> Result<Self, SizeError>;
 
     /// Whether PyTorch keeps the weight of this name as that of a `Conv1d` of kernel 1, [out, in, 1].
     fn is_conv(name: &str) -> bool;
@@ -32,7 +32,7 @@ impl Network for BenbvNet {
     type Config = BenbvNetConfig;
     const KIND: &'static str = "benbv-net";
 
-    fn create(config: &BenbvNetConfig, device: &Device) -> Result<Self, String> {
+    fn create(config: &BenbvNetConfig, device: &Device) -> Result<Self, SizeError> {
         config.validate()?;
         Ok(config.init(device))
     }
@@ -80,9 +80,6 @@ pub enum WeightsError {
         hint: &'static str,
     },
     /// The sizes are impossible.
-    #[error("impossible network: {reason}")]
-    Config {
-        /// In words.
-        reason: String,
-    },
+    #[error("impossible network: {0}")]
+    Config(#[from] SizeError),
 }

@@ -1,6 +1,7 @@
 //! `index.html`: the curves of a run in one file that needs nothing else, written afresh as training goes on.
 
 use super::record::Record;
+use formats::html::escape;
 use plotters::prelude::*;
 use std::fmt::Write;
 
@@ -118,7 +119,7 @@ fn chart(caption: &str, series: &[Series], log: bool) -> String {
     let drawn = draw(&mut svg, caption, &series, log, range(|p| p.0), range(|p| p.1));
     match drawn {
         Ok(()) => svg,
-        Err(reason) => format!("<p>{}: {}</p>\n", escape(caption), escape(&reason)),
+        Err(reason) => format!("<p>{}: {}</p>\n", escape(caption), escape(&reason.to_string())),
     }
 }
 
@@ -129,38 +130,34 @@ fn draw(
     log: bool,
     x: std::ops::Range<f64>,
     y: std::ops::Range<f64>,
-) -> Result<(), String> {
-    let say = |e: DrawingAreaErrorKind<std::io::Error>| e.to_string();
+) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
     let area = SVGBackend::with_string(svg, (660, 320)).into_drawing_area();
-    area.fill(&WHITE).map_err(say)?;
+    area.fill(&WHITE)?;
     let mut context = ChartBuilder::on(&area)
         .caption(caption, ("sans-serif", 16))
         .margin(8)
         .x_label_area_size(30)
         .y_label_area_size(64)
-        .build_cartesian_2d(x, y)
-        .map_err(say)?;
+        .build_cartesian_2d(x, y)?;
     context
         .configure_mesh()
         .light_line_style(WHITE)
         .x_desc("step")
         .x_label_formatter(&|x| format!("{x:.0}"))
         .y_label_formatter(&|y| if log { format!("{:.1e}", 10f64.powf(*y)) } else { format!("{y:.4}") })
-        .draw()
-        .map_err(say)?;
+        .draw()?;
     for (i, (name, curve)) in series.iter().enumerate() {
         let colour = Palette99::pick(i).to_rgba();
         let line = LineSeries::new(curve.iter().copied(), colour.stroke_width(2));
         context
-            .draw_series(line)
-            .map_err(say)?
+            .draw_series(line)?
             .label(*name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
     }
     if series.len() > 1 {
-        context.configure_series_labels().background_style(WHITE.mix(0.8)).draw().map_err(say)?;
+        context.configure_series_labels().background_style(WHITE.mix(0.8)).draw()?;
     }
-    area.present().map_err(say)
+    area.present()
 }
 
 /// At most 2,000 points, so that a long run's page stays small: means over equal stretches.
@@ -174,10 +171,6 @@ fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
         (c.iter().map(|p| p.0).sum::<f64>() / n, c.iter().map(|p| p.1).sum::<f64>() / n)
     };
     points.chunks(stretch).map(mean).collect()
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -1,0 +1,141 @@
+//! The command line of `datagen`.
+
+use clap::{Args, Parser, Subcommand};
+use datagen::config::DatagenConfig;
+use formats::Flag;
+use formats::program::{CommonArgs, seed};
+use std::path::PathBuf;
+
+/// Scan meshes in simulation and write training shards of boundary-based next-best-view decisions.
+#[derive(Parser)]
+#[command(
+    version,
+    args_conflicts_with_subcommands = true,
+    after_help = "Examples:\n  datagen                                            a few built-in objects into runs/data/procedural\n  datagen --dataset modelnet40 --per-category 20     meshes under data/modelnet40\n  datagen --dataset folder --root my/meshes --out runs/data/mine --set episode.working_distance_m=0.8\n  datagen verify runs/data/mine                      every byte against checksum and manifest\n  datagen inspect runs/data/mine                     what is inside\n\nA stopped run goes on with the same command. Exit codes: 0 done, 1 error, 2 wrong usage, 130 stopped."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Check every shard of a set against its checksum and the manifest
+    Verify {
+        /// Directory of the set
+        directory: PathBuf,
+        /// Print the verdict as JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Show what is inside a set: counts, curves, score histogram, one sample
+    Inspect {
+        /// Directory of the set
+        directory: PathBuf,
+        /// Print it as JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Turn the authors' frame histories (.bin) into a set
+    Import {
+        /// Files, or directories of files; the name of a file is that of its object
+        #[arg(required = true)]
+        inputs: Vec<PathBuf>,
+        /// Directory of the set
+        #[arg(long)]
+        out: PathBuf,
+        /// Share of the objects set aside for validation
+        #[arg(long, default_value_t = 0.2)]
+        validation_share: f64,
+        /// Decides which objects are set aside
+        #[arg(long, default_value_t = 0, value_parser = seed)]
+        seed: u64,
+    },
+    /// Turn a set into the authors' frame histories, one .bin per object
+    Export {
+        /// Directory of the set
+        directory: PathBuf,
+        /// Directory of the files
+        #[arg(long)]
+        out: PathBuf,
+    },
+}
+
+#[derive(Args)]
+pub struct RunArgs {
+    /// Data set: procedural (built in), modelnet40, shapenet, repository3d or folder
+    #[arg(long, value_name = "NAME")]
+    pub dataset: Option<String>,
+    /// Where the data set lies [default: data/<NAME>]
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
+    /// Where the shards go [default: runs/data/<NAME>, with -test for the test half]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Which half: train or test
+    #[arg(long, value_name = "HALF")]
+    pub split: Option<String>,
+    /// Take this many objects of each category
+    #[arg(long, value_name = "N")]
+    pub per_category: Option<u32>,
+    /// Take exactly the models that this file names, one per line
+    #[arg(long, value_name = "FILE")]
+    pub list: Option<PathBuf>,
+    /// Take this many objects
+    #[arg(long, value_name = "N")]
+    pub objects: Option<u32>,
+    /// Print the objects that would be taken, and stop
+    #[arg(long)]
+    pub list_objects: bool,
+    /// Next views per object (15)
+    #[arg(long, value_name = "N")]
+    pub scans: Option<u32>,
+    /// Boundary targets per decision (20)
+    #[arg(long, value_name = "N")]
+    pub candidates: Option<u32>,
+    /// Distance from target to camera in metres (1.2)
+    #[arg(long, value_name = "M")]
+    pub distance: Option<f64>,
+    /// This process's share of the objects, e.g. 0/4 of 0/4 to 3/4; taken by itself from a Slurm array task, or from
+    /// JOB_COMPLETION_INDEX and JOB_COMPLETIONS of a Kubernetes indexed job
+    #[arg(long, value_name = "I/N")]
+    pub part: Option<String>,
+    /// Print the closing summary as JSON
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+impl RunArgs {
+    /// The settings: defaults, then the file, then `--set`, then flags.
+    pub fn settings(&self) -> anyhow::Result<DatagenConfig> {
+        let text = |path: &Option<PathBuf>| path.as_ref().map(|p| p.to_string_lossy().into_owned());
+        let config: DatagenConfig = self.common.settings([
+            Flag::given("--dataset", "dataset.name", self.dataset.clone()),
+            Flag::given("--root", "dataset.root", text(&self.root)),
+            Flag::given("--split", "dataset.split", self.split.clone()),
+            Flag::given("--per-category", "dataset.per_category", self.per_category),
+            Flag::given("--list", "dataset.list", text(&self.list)),
+            Flag::given("--objects", "dataset.objects", self.objects),
+            Flag::given("--scans", "episode.num_views", self.scans),
+            Flag::given("--candidates", "candidates.num_targets", self.candidates),
+            Flag::given("--distance", "episode.working_distance_m", self.distance),
+        ])?;
+        config.validate()?;
+        Ok(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,138 @@
+//! All objects of a run, as many at a time as keep the cores busy.
+
+use crate::benchmark::{self, BenchmarkError};
+use crate::config::EvaluateConfig;
+use crate::journal::{Contents, Journal};
+use crate::networks::Networks;
+use crate::objects::{self, Object, ObjectError};
+use crate::policies::Policy;
+use crate::record::EpisodeKey;
+use datagen::dataset::Object as Source;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Told what happens.
+pub trait Watch: Sync {
+    /// An episode is done.
+    fn done(&self, key: &EpisodeKey);
+
+    /// An object cannot be used.
+    fn unusable(&self, object: &str, reason: &ObjectError);
+}
+
+impl Watch for () {
+    fn done(&self, _key: &EpisodeKey) {}
+
+    fn unusable(&self, _object: &str, _reason: &ObjectError) {}
+}
+
+/// How a run ended.
+pub struct Outcome {
+    /// The first objects, for the replay.
+    pub shown: Vec<Object>,
+    /// Objects that cannot be used, and why.
+    pub unusable: Vec<(String, ObjectError)>,
+    /// Objects that were asked for.
+    pub objects: usize,
+    /// Episodes that are still to be run, since the run was stopped.
+    pub left: usize,
+}
+
+/// Why a run that came to its end has nothing to report.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NothingRun {
+    /// There was no object.
+    #[error("found no object to run on")]
+    NoObjects,
+    /// No object can be used.
+    #[error("none of {count} objects can be used: {reasons}")]
+    Unusable {
+        /// How many.
+        count: usize,
+        /// Names and reasons of the first ones.
+        reasons: String,
+    },
+    /// No episode can be run.
+    #[error("none of {count} episodes could be run: {reasons}")]
+    Skipped {
+        /// How many.
+        count: usize,
+        /// The reasons, each once.
+        reasons: String,
+    },
+}
+
+impl Outcome {
+    /// Whether there is anything to report.
+    ///
+    /// # Errors
+    /// Why there is not.
+    pub fn anything(&self, contents: &Contents) -> Result<(), NothingRun> {
+        let count = self.objects;
+        if count == 0 {
+            return Err(NothingRun::NoObjects);
+        }
+        if self.unusable.len() == count {
+            let reasons: Vec<_> = self.unusable.iter().take(20).map(|(name, why)| format!("{name}: {why}")).collect();
+            return Err(NothingRun::Unusable { count, reasons: reasons.join("; ") });
+        }
+        if contents.episodes.is_empty() {
+            let reasons: BTreeSet<&str> = contents.skipped.iter().map(|s| s.reason.as_str()).collect();
+            let reasons = reasons.into_iter().collect::<Vec<_>>().join("; ");
+            return Err(NothingRun::Skipped { count: contents.skipped.len(), reasons });
+        }
+        Ok(())
+    }
+}
+
+/// Runs what is missing of all these objects. Ends early once `stop` is set; [`Outcome::left`] says whether anything was
+/// missed.
+///
+/// # Errors
+/// As [`benchmark::run`].
+pub fn run(
+    sources: &[Source],
+    policies: &[Policy],
+    config: &EvaluateConfig,
+    networks: &Networks,
+    journal: &Journal,
+    contents: &mut Contents,
+    stop: &AtomicBool,
+    watch: &impl Watch,
+) -> Result<Outcome, BenchmarkError> {
+    let mut outcome = Outcome { shown: Vec::new(), unusable: Vec::new(), objects: sources.len(), left: 0 };
+    for group in sources.chunks(4 * rayon::current_num_threads()) {
+        let ready: Vec<_> = group.par_iter().map(|source| objects::load(source, config)).collect();
+        let mut usable = Vec::new();
+        for (source, object) in group.iter().zip(ready) {
+            match object {
+                Ok(object) => usable.push(object),
+                Err(reason) => {
+                    watch.unusable(&source.name, &reason);
+                    outcome.unusable.push((source.name.clone(), reason));
+                }
+            }
+        }
+        benchmark::run(&usable, policies, config, networks, journal, contents, stop, |key| watch.done(key))?;
+        // The first ones stay for the replay.
+        if outcome.shown.is_empty() {
+            outcome.shown = usable;
+        }
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
+    }
+    let have = contents.keys();
+    let good = sources.iter().filter(|s| !outcome.unusable.iter().any(|(name, _)| *name == s.name));
+    let key = |object: &Source, policy: &Policy, episode| EpisodeKey {
+        object: object.name.clone(),
+        policy: policy.to_string(),
+        episode,
+    };
+    outcome.left = good
+        .flat_map(|object| policies.iter().flat_map(move |p| (0..config.episodes).map(move |e| key(object, p, e))))
+        .filter(|key| !have.contains(key))
+        .count();
+    Ok(outcome)
+}

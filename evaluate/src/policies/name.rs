@@ -1,0 +1,346 @@
+//! The names of policies on the command line, in configuration files and in journals: `family`, or `family:variant`.
+
+use super::Radius;
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// Name, and what it is, of every policy.
+pub const POLICIES: &[(&str, &str)] = &[
+    ("benbv", "the paper's model-based search, 20 candidates; knows the object"),
+    ("benbv:60", "the same with 20 targets x 3 angles (any multiple of 3, e.g. benbv:300)"),
+    ("benbv:shifted", "yardstick: the search where it does not know at which parts of a pixel its samples will fall"),
+    ("auto", "what `infer` does by default: the best that the evidence allows"),
+    ("benbv-net", "the paper's network; no model of the object (benbv-net:DIR with the checkpoint in DIR)"),
+    ("pc-nbv", "PC-NBV over its 33 views at the working distance (pc-nbv:paper: unmasked, 0.3 m farther)"),
+    ("see", "SEE++ with parameters from the first scan"),
+    ("see:r010", "SEE++ with r = 0.010, rho = 4e6"),
+    ("see:paper", "SEE++ as the paper's benchmark called it"),
+    ("random-boundary", "one of BENBV's candidates at random"),
+    ("random-sphere", "random on a sphere at the working distance (random-sphere:paper: 0.3 m farther; :R metres)"),
+    ("random-u-sphere", "latitude-longitude grid without repetition (:paper, :R as above)"),
+    ("random-33", "PC-NBV's 33 views at random, without repetition (:paper, :R as above)"),
+    ("volumetric", "carved voxels, expected surface, gain and overlap per view; 60 candidates, no model of the object"),
+    (
+        "volumetric:learned",
+        "the same with learned gain and overlap, from --set weights.forecasts=FILE (:learned-gain, :learned-overlap)",
+    ),
+    ("farthest", "largest least angle to all past cameras, on a sphere of 500 views (:R in metres)"),
+    ("farthest:60", "the same among BENBV's 60 candidates"),
+    ("volumetric:true", "yardstick: volumetric with true gain and overlap (:true-gain, :true-overlap)"),
+    ("volumetric:shifted", "yardstick: the same as the mean of images shifted by quarter pixels (:shifted-gain, ...)"),
+    ("oracle:20", "yardstick: greedy true gain among BENBV's 20 candidates (any multiple of 3 too)"),
+    ("oracle:60", "yardstick: greedy true gain among 20 targets x 3 angles"),
+    ("oracle:60:0.3", "yardstick: the same with an overlap of at least 0.3"),
+    ("oracle:33", "yardstick: greedy true gain among PC-NBV's 33 views (oracle:33:paper: 0.3 m farther)"),
+    ("oracle:sphere", "yardstick: greedy true gain among 500 views on a sphere"),
+];
+
+/// The paper's policies, as `--preset paper` runs them.
+pub const PAPER_POLICIES: &[&str] = &[
+    "benbv",
+    "random-boundary",
+    "random-sphere:paper",
+    "random-u-sphere:paper",
+    "see:paper",
+    "pc-nbv:paper",
+    "benbv-net",
+];
+
+/// A policy by its name: the name as it was written, so that journals and tables keep it, and what it says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Policy {
+    name: String,
+    kind: Kind,
+}
+
+/// What a name says.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    /// `benbv`: the search over as many candidates as configured, or this many.
+    Search(Option<usize>),
+    /// `benbv:shifted`.
+    ShiftedSearch,
+    /// `auto`.
+    Auto,
+    /// `benbv-net`, with the weights in this directory instead of the configured ones.
+    BenbvNet(Option<PathBuf>),
+    /// `pc-nbv`, as published or not.
+    PcNbv {
+        /// Unmasked and farther.
+        published: bool,
+    },
+    /// `see`.
+    See(See),
+    /// `random-boundary`.
+    RandomBoundary,
+    /// `random-sphere`.
+    RandomSphere(Radius),
+    /// `random-u-sphere`.
+    RandomUSphere(Radius),
+    /// `random-33`.
+    Random33(Radius),
+    /// `volumetric`, with forecasts replaced or not.
+    Volumetric(Option<Refined>),
+    /// `farthest`, on a sphere.
+    FarthestOnSphere(Radius),
+    /// `farthest`, among this many candidates.
+    FarthestAmong(usize),
+    /// `oracle`.
+    Oracle {
+        /// The views that it chooses among.
+        among: Among,
+        /// How far those on a sphere stand.
+        radius: Radius,
+        /// Least overlap.
+        min_overlap: f64,
+    },
+}
+
+/// Variants of `see`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum See {
+    /// Parameters from the first scan.
+    Configured,
+    /// r = 0.010, rho = 4e6.
+    Fixed,
+    /// As the paper's benchmark called it.
+    Paper,
+}
+
+/// What replaces the forecasts of `volumetric`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refined {
+    /// Where the better ones come from.
+    pub source: Source,
+    /// Whether the gain is replaced.
+    pub gain: bool,
+    /// Whether the overlap is replaced.
+    pub overlap: bool,
+}
+
+/// Where better forecasts come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// The simulator.
+    True,
+    /// The simulator, as the mean of images shifted by quarter pixels.
+    Shifted,
+    /// A fit in the file of the settings.
+    Learned,
+}
+
+/// What an oracle chooses among.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Among {
+    /// This many candidates of BENBV.
+    Candidates(usize),
+    /// PC-NBV's 33 views.
+    PcNbv33,
+    /// A dense sphere.
+    Sphere,
+}
+
+/// Why a name is none of a policy.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// No policy of this name.
+    #[error("no policy is named {name:?}{}; `evaluate --list-policies` lists those there are", meant(.suggestion))]
+    Unknown {
+        /// As given.
+        name: String,
+        /// A name much like it.
+        suggestion: Option<String>,
+    },
+    /// The part after the colon makes no sense.
+    #[error("{policy:?}: found the variant {variant:?}, expected {expected}")]
+    Variant {
+        /// As given.
+        policy: String,
+        /// The variant.
+        variant: String,
+        /// What would do.
+        expected: &'static str,
+    },
+}
+
+fn meant(suggestion: &Option<String>) -> String {
+    suggestion.as_ref().map_or_else(String::new, |name| format!(", did you mean {name:?}?"))
+}
+
+/// What a number of candidates must be.
+pub(super) const COUNT: &str = "a number of candidates: 20, or a multiple of the number of angles, e.g. 60";
+const RADIUS: &str = "nothing, paper, or a radius in metres, e.g. 1.5";
+const REFINED: &str = "nothing, true, shifted or learned, or one of these with -gain or -overlap";
+
+impl Policy {
+    /// The name as it was written.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What the name says.
+    pub fn kind(&self) -> &Kind {
+        &self.kind
+    }
+
+    /// This policy's variant does not do.
+    pub(super) fn unfit(&self, expected: &'static str) -> NameError {
+        let variant = self.name.split_once(':').map_or("", |(_, v)| v).to_owned();
+        NameError::Variant { policy: self.name.clone(), variant, expected }
+    }
+}
+
+impl fmt::Display for Policy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name)
+    }
+}
+
+impl FromStr for Policy {
+    type Err = NameError;
+
+    fn from_str(name: &str) -> Result<Self, NameError> {
+        let (family, variant) = name.split_once(':').map_or((name, None), |(f, v)| (f, Some(v)));
+        let unfit = |expected| NameError::Variant {
+            policy: name.to_owned(),
+            variant: variant.unwrap_or_default().to_owned(),
+            expected,
+        };
+        let on_sphere = || radius(variant).ok_or_else(|| unfit(RADIUS));
+        let kind = match family {
+            "benbv" => match variant {
+                None => Kind::Search(None),
+                Some("shifted") => Kind::ShiftedSearch,
+                Some(v) => Kind::Search(Some(v.parse().map_err(|_| unfit(COUNT))?)),
+            },
+            "auto" => match variant {
+                None => Kind::Auto,
+                Some(_) => return Err(unfit("nothing")),
+            },
+            "benbv-net" => Kind::BenbvNet(variant.map(PathBuf::from)),
+            "pc-nbv" => match variant {
+                None => Kind::PcNbv { published: false },
+                Some("paper") => Kind::PcNbv { published: true },
+                Some(_) => return Err(unfit("nothing or paper")),
+            },
+            "see" => Kind::See(match variant {
+                None => See::Configured,
+                Some("r010") => See::Fixed,
+                Some("paper") => See::Paper,
+                Some(_) => return Err(unfit("nothing, r010 or paper")),
+            }),
+            "random-boundary" => match variant {
+                None => Kind::RandomBoundary,
+                Some(_) => return Err(unfit("nothing")),
+            },
+            "random-sphere" => Kind::RandomSphere(on_sphere()?),
+            "random-u-sphere" => Kind::RandomUSphere(on_sphere()?),
+            "random-33" => Kind::Random33(on_sphere()?),
+            "volumetric" => Kind::Volumetric(match variant {
+                None => None,
+                Some(v) => Some(refined(v).ok_or_else(|| unfit(REFINED))?),
+            }),
+            "farthest" => match variant.map(str::parse) {
+                Some(Ok(count)) => Kind::FarthestAmong(count),
+                _ => Kind::FarthestOnSphere(on_sphere()?),
+            },
+            "oracle" => {
+                let text = variant.unwrap_or("60");
+                let (set, rest) = text.split_once(':').map_or((text, None), |(s, r)| (s, Some(r)));
+                let (radius, min_overlap) = match rest {
+                    None => (Radius::Working, 0.0),
+                    Some("paper") => (Radius::Paper, 0.0),
+                    Some(r) => {
+                        let least = r.parse().ok().filter(|r: &f64| !r.is_nan());
+                        let least = least.ok_or_else(|| unfit("a set of views, then a least overlap, e.g. 60:0.3"))?;
+                        (Radius::Working, least)
+                    }
+                };
+                let among = match set {
+                    "sphere" => Among::Sphere,
+                    "33" => Among::PcNbv33,
+                    count => Among::Candidates(count.parse().map_err(|_| unfit(COUNT))?),
+                };
+                Kind::Oracle { among, radius, min_overlap }
+            }
+            _ => return Err(NameError::Unknown { name: name.to_owned(), suggestion: like(name) }),
+        };
+        Ok(Self { name: name.to_owned(), kind })
+    }
+}
+
+/// Distance of a sphere's cameras.
+fn radius(variant: Option<&str>) -> Option<Radius> {
+    match variant {
+        None => Some(Radius::Working),
+        Some("paper") => Some(Radius::Paper),
+        Some(v) => v.parse().ok().filter(|r: &f64| *r > 0.0 && r.is_finite()).map(Radius::Fixed),
+    }
+}
+
+/// `true`, `shifted` or `learned`, perhaps with `-gain` or `-overlap`.
+fn refined(variant: &str) -> Option<Refined> {
+    let (source, what) = variant.split_once('-').unwrap_or((variant, "gain-overlap"));
+    let (gain, overlap) = match what {
+        "gain" => (true, false),
+        "overlap" => (false, true),
+        "gain-overlap" => (true, true),
+        _ => return None,
+    };
+    let source = match source {
+        "true" => Source::True,
+        "shifted" => Source::Shifted,
+        "learned" => Source::Learned,
+        _ => return None,
+    };
+    Some(Refined { source, gain, overlap })
+}
+
+/// The listed name or family that is written most like this one.
+fn like(name: &str) -> Option<String> {
+    let (family, rest) = name.find(':').map_or((name, ""), |i| name.split_at(i));
+    let families = POLICIES.iter().map(|(listed, _)| listed.split(':').next().unwrap_or(listed));
+    let near = |listed: &str| strsim::damerau_levenshtein(family, listed);
+    let nearest = families.min_by_key(|f| near(f))?;
+    (near(nearest) <= 1 + family.len() / 4).then(|| format!("{nearest}{rest}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_listed_name_is_one_and_stays_as_written() {
+        for name in POLICIES.iter().map(|(name, _)| *name).chain(PAPER_POLICIES.iter().copied()) {
+            let policy: Policy = name.parse().unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(policy.to_string(), name);
+        }
+        let kind = |name: &str| name.parse::<Policy>().map(|p| p.kind);
+        assert_eq!(kind("random-sphere:1.50"), Ok(Kind::RandomSphere(Radius::Fixed(1.5))));
+        assert_eq!(kind("benbv-net:a:b"), Ok(Kind::BenbvNet(Some("a:b".into()))));
+        assert_eq!(kind("farthest:60"), Ok(Kind::FarthestAmong(60)));
+        assert_eq!(kind("farthest:1.5"), Ok(Kind::FarthestOnSphere(Radius::Fixed(1.5))));
+        assert_eq!(kind("oracle"), kind("oracle:60"));
+        let gain = Refined { source: Source::Shifted, gain: true, overlap: false };
+        assert_eq!(kind("volumetric:shifted-gain"), Ok(Kind::Volumetric(Some(gain))));
+        let oracle = Kind::Oracle { among: Among::Candidates(60), radius: Radius::Working, min_overlap: 0.3 };
+        assert_eq!(kind("oracle:60:0.3"), Ok(oracle));
+    }
+
+    #[test]
+    fn bad_names_are_refused_with_the_way_out() {
+        let message = |name: &str| name.parse::<Policy>().expect_err(name).to_string();
+        let unknown = message("bnbv");
+        assert!(unknown.contains("did you mean \"benbv\"?") && unknown.contains("--list-policies"), "{unknown}");
+        assert!(message("random-shpere:1.5").contains("did you mean \"random-sphere:1.5\"?"));
+        assert!(!message("quite-another-thing").contains("did you mean"));
+        assert!(message("benbv:many").contains("multiple"));
+        assert!(message("random-sphere:-1").contains("radius") && message("random-33:inf").contains("radius"));
+        assert!(message("see:fast").contains("r010"));
+        assert!(message("pc-nbv:fast").contains("paper"));
+        assert!(message("random-boundary:2").contains("expected nothing"));
+        assert!(message("volumetric:best").contains("learned") && message("volumetric:true-x").contains("learned"));
+        assert!(message("oracle:60:x").contains("overlap"));
+    }
+}

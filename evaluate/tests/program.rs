@@ -1,0 +1,71 @@
+//! The program as its user runs it.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+fn evaluate(directory: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evaluate"));
+    command.current_dir(directory).args(arguments).env_remove("RUST_LOG");
+    command
+}
+
+/// Exit code, stdout and stderr.
+fn run(directory: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = evaluate(directory, arguments).output().expect("the program starts");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let directory = tempfile::tempdir().expect("dir");
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let mut command = evaluate(directory.path(), &["--list-policies"]);
+    let output = command.stdout(writer).stderr(Stdio::piped()).output().expect("the program starts");
+    assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(0), ""));
+}
+
+#[test]
+fn wrong_use_is_found_before_any_work() {
+    let directory = tempfile::tempdir().expect("dir");
+    let refused = |arguments: &[&str], expected: &str, code: i32| {
+        let (found, _, message) = run(directory.path(), arguments);
+        assert!(found == Some(code) && message.contains(expected), "{arguments:?}: {found:?} {message}");
+        assert!(!directory.path().join("runs").exists(), "{arguments:?}");
+    };
+    refused(&["--policies", "bnbv"], "did you mean \"benbv\"?", 1);
+    refused(&["--set", "policies=[\"see:fast\"]"], "r010", 1);
+    refused(&["--policies", "see", "--baseline", "bnbv"], "baseline", 1);
+    refused(&["--policies", "benbv-net:no/such"], "needs weights", 1);
+    refused(&["--policies", "volumetric:learned"], "learn_forecasts", 1);
+    refused(&["--seed", "18446744073709551615"], "9223372036854775807", 2);
+    refused(&["--jobs", "1000000"], "per core", 2);
+}
+
+#[test]
+fn a_run_without_usable_objects_fails_and_a_run_prints_typed_rows() {
+    let directory = tempfile::tempdir().expect("dir");
+    let meshes = directory.path().join("meshes");
+    std::fs::create_dir(&meshes).expect("made");
+    std::fs::write(meshes.join("broken.off"), "OFF\n3 1 0\n0 0\n").expect("written");
+    let few = ["--episodes", "2", "--policies", "random-33,random-sphere", "--baseline", "random-33", "--out", "out"];
+    let small = ["--set", "episode.num_views=1", "--set", "surface_samples=3000", "--set", "resamples=50"];
+    let all = |more: &[&'static str]| [more, &few[..], &small[..]].concat();
+    let (code, _, message) = run(directory.path(), &all(&["--dataset", "folder", "--root", "meshes"]));
+    assert!(code == Some(1) && message.contains("none of 1 objects") && message.contains("broken: "), "{message}");
+
+    std::fs::remove_dir_all(directory.path().join("out")).expect("removed");
+    let (code, json, message) = run(directory.path(), &all(&["--json", "--dataset", "procedural", "--objects", "1"]));
+    assert_eq!(code, Some(0), "{message}");
+    let rows: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let number = |key: &str| rows["policies"][0][key].as_f64().unwrap_or_else(|| panic!("{key}: {rows}"));
+    let (low, value) = (number("coverage_percent_ci_episodes_low"), number("coverage_percent"));
+    assert!(low <= value && number("efficiency_ci_objects_high") > 0.0);
+    assert!(rows["paired"][0]["ratio_ci_episodes_low"].is_number(), "{rows}");
+    let summary = std::fs::read_to_string(directory.path().join("out/summary.csv")).expect("summary");
+    assert!(
+        summary.starts_with("object,policy,episodes,coverage_percent,coverage_percent_se,efficiency,"),
+        "{summary}"
+    );
+}

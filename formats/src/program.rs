@@ -1,0 +1,255 @@
+//! What the programs share: flags, messages, threads, printing, stopping and exit codes.
+
+use crate::config::{ConfigError, Flag};
+use clap::Args;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fmt::Display;
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tracing_subscriber::EnvFilter;
+
+/// The exit code of a run that was asked to stop and can go on.
+pub const STOPPED: u8 = 130;
+
+/// Threads per core that `--jobs` may ask for.
+const JOBS_PER_CORE: usize = 4;
+
+/// Flags that every program has.
+#[derive(Args, Clone, Debug, Default)]
+pub struct CommonArgs {
+    /// Settings from a TOML file; the files in `configs/` spell out every setting
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// One setting, e.g. --set seed=3; may be given again
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Seed of everything random [default: 0]
+    #[arg(long, value_name = "NUMBER", value_parser = seed)]
+    pub seed: Option<u64>,
+    /// Threads; 0: one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = jobs)]
+    pub jobs: usize,
+    /// More messages; twice for all
+    #[arg(short, long, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+}
+
+impl CommonArgs {
+    /// The settings: defaults, then `--config`, then `--set`, then these flags and `--seed`.
+    ///
+    /// # Errors
+    /// As [`crate::config::load`].
+    pub fn settings<T>(&self, flags: impl IntoIterator<Item = Option<Flag>>) -> Result<T, ConfigError>
+    where
+        T: Serialize + DeserializeOwned + Default,
+    {
+        let flags: Vec<Flag> = flags.into_iter().flatten().chain(self.seed_flag()).collect();
+        crate::config::load(self.config.as_deref(), &self.set, &flags)
+    }
+
+    /// `--seed` as a layer of settings.
+    pub fn seed_flag(&self) -> Option<Flag> {
+        Flag::given("--seed", "seed", self.seed.map(u64::cast_signed))
+    }
+
+    /// Starts messages on stderr: at the first of these levels, each `-v` one further. `RUST_LOG` goes before.
+    pub fn start_messages(&self, levels: [&str; 3]) {
+        let given = std::env::var(EnvFilter::DEFAULT_ENV).ok().filter(|text| !text.trim().is_empty());
+        let filter = given.and_then(|text| match text.parse::<EnvFilter>() {
+            Ok(filter) => Some(filter),
+            Err(e) => {
+                complain("warning", &format!("{} is {text:?}: {e}; taking the default", EnvFilter::DEFAULT_ENV));
+                None
+            }
+        });
+        let filter = filter.unwrap_or_else(|| EnvFilter::new(levels[usize::from(self.verbose.min(2))]));
+        let colours = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
+        tracing_subscriber::fmt()
+            .with_env_filter(filter)
+            .with_writer(std::io::stderr)
+            .with_ansi(colours)
+            .with_target(false)
+            .init();
+    }
+
+    /// Starts the threads that `--jobs` asks for; without it they start by themselves, one per core.
+    ///
+    /// # Errors
+    /// Threads that the system refuses.
+    pub fn start_threads(&self) -> Result<(), ProgramError> {
+        match self.jobs {
+            0 => Ok(()),
+            n => rayon::ThreadPoolBuilder::new()
+                .num_threads(n)
+                .build_global()
+                .map_err(|source| ProgramError::Threads { jobs: n, source }),
+        }
+    }
+}
+
+/// Why a program cannot start, or cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum ProgramError {
+    /// The threads do not start.
+    #[error("--jobs {jobs}: cannot start the threads: {source}")]
+    Threads {
+        /// As given.
+        jobs: usize,
+        /// Why not.
+        source: rayon::ThreadPoolBuildError,
+    },
+    /// No handler for signals.
+    #[error("cannot watch for Ctrl-C: {0}")]
+    Signals(#[from] ctrlc::Error),
+    /// Nothing can be printed.
+    #[error("cannot write to stdout: {0}")]
+    Stdout(#[from] std::io::Error),
+}
+
+/// What a flag's value must be.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FlagError {
+    /// Not a seed.
+    #[error("expected a whole number from 0 to {max}", max = i64::MAX)]
+    Seed,
+    /// Not a number of threads.
+    #[error(
+        "expected a number of threads from 1 to {most}, {JOBS_PER_CORE} per core of this machine, or 0 for one per core"
+    )]
+    Jobs {
+        /// The largest.
+        most: usize,
+    },
+}
+
+/// Reads a seed: a number that TOML, whose numbers are signed, can keep as well.
+///
+/// # Errors
+/// Anything else.
+pub fn seed(text: &str) -> Result<u64, FlagError> {
+    text.parse().ok().filter(|seed| i64::try_from(*seed).is_ok()).ok_or(FlagError::Seed)
+}
+
+/// Reads a number of threads: 0 for one per core, and no more than the machine can use.
+///
+/// # Errors
+/// Anything else.
+pub fn jobs(text: &str) -> Result<usize, FlagError> {
+    let most = JOBS_PER_CORE * std::thread::available_parallelism().map_or(1, usize::from);
+    text.parse().ok().filter(|jobs| *jobs <= most).ok_or(FlagError::Jobs { most })
+}
+
+/// Prints to stdout; a reader that went away (`| head`) is no error.
+///
+/// # Errors
+/// Anything else that the system refuses.
+pub fn print(text: impl Display) -> Result<(), ProgramError> {
+    print_to(&mut std::io::stdout().lock(), text)
+}
+
+/// [`print`] with an end of line.
+///
+/// # Errors
+/// As [`print`].
+pub fn print_line(text: impl Display) -> Result<(), ProgramError> {
+    print(format_args!("{text}\n"))
+}
+
+fn print_to(out: &mut impl Write, text: impl Display) -> Result<(), ProgramError> {
+    match write!(out, "{text}").and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e.into()),
+        _ => Ok(()),
+    }
+}
+
+/// A line on stderr; where that is closed, none.
+pub fn complain(kind: &str, message: &dyn Display) {
+    let _ = writeln!(std::io::stderr(), "{kind}: {message:#}");
+}
+
+/// The exit code of a program: its own, or 1 and the one line that says why.
+pub fn finish<E: Display>(result: Result<ExitCode, E>) -> ExitCode {
+    result.unwrap_or_else(|error| {
+        complain("error", &error);
+        ExitCode::FAILURE
+    })
+}
+
+/// Becomes true when the program is asked to stop (Ctrl-C, SIGTERM); `message` says what happens next. Asked a second
+/// time, the program ends at once.
+///
+/// # Errors
+/// A system that takes no handler.
+pub fn stop_when_asked(message: &'static str) -> Result<&'static AtomicBool, ProgramError> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    ctrlc::set_handler(move || {
+        if STOP.swap(true, Ordering::SeqCst) {
+            std::process::exit(i32::from(STOPPED));
+        }
+        let _ = writeln!(std::io::stderr(), "{message}");
+    })?;
+    Ok(&STOP)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        common: CommonArgs,
+    }
+
+    fn parse(words: &[&str]) -> Result<CommonArgs, String> {
+        let cli = Cli::try_parse_from(std::iter::once("program").chain(words.iter().copied()));
+        cli.map(|cli| cli.common).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn seeds_are_whole_numbers_that_settings_can_keep() {
+        #[derive(Default, Serialize, serde::Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        struct Settings {
+            seed: u64,
+        }
+        let largest = i64::MAX.to_string();
+        let args = parse(&["--seed", &largest]).expect("fits");
+        assert_eq!(args.settings::<Settings>([]).expect("settings").seed, i64::MAX.cast_unsigned());
+        for bad in ["9223372036854775808", "-1", "1.5", "x"] {
+            let message = parse(&[&format!("--seed={bad}")]).expect_err(bad);
+            assert!(message.contains("--seed") && message.contains("9223372036854775807"), "{message}");
+        }
+        let args = parse(&["--set", "seed=4", "--seed", "5"]).expect("good");
+        assert_eq!(args.settings::<Settings>([]).expect("settings").seed, 5, "flags go before --set");
+    }
+
+    #[test]
+    fn jobs_are_bounded() {
+        assert_eq!(parse(&[]).map(|a| a.jobs), Ok(0));
+        assert_eq!(parse(&["--jobs", "1"]).map(|a| a.jobs), Ok(1));
+        for bad in ["1000000", "-1", "many"] {
+            let message = parse(&[&format!("--jobs={bad}")]).expect_err(bad);
+            assert!(message.contains("per core"), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_closed_pipe_is_no_error_and_a_full_disk_is() {
+        struct Refuses(ErrorKind);
+        impl Write for Refuses {
+            fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+                Err(self.0.into())
+            }
+            fn flush(&mut self) -> std::io::Result<()> {
+                Ok(())
+            }
+        }
+        assert!(print_to(&mut Refuses(ErrorKind::BrokenPipe), "text").is_ok());
+        assert!(print_to(&mut Refuses(ErrorKind::StorageFull), "text").is_err());
+    }
+}
