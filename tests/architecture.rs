@@ -108,6 +108,7 @@ fn there_is_one_loop_one_session_and_one_accumulation() {
         "datagen/src/search.rs",
         "datagen/src/world.rs",
         "evaluate/src/objects.rs",
+        "evaluate/src/report/replay.rs",
         "infer/src/simulate.rs",
         "train/src/pc_nbv_data.rs",
     ];

@@ -20,8 +20,11 @@ fn answer(arguments: &[&str], scans: &[&str]) -> serde_json::Value {
 }
 
 #[test]
-fn a_cloud_alone_is_ranked_by_the_bundled_network() {
-    let answer = answer(&[], &["scan1.ply", "scan2.ply"]);
+fn clouds_alone_are_carved_from_estimated_cameras_unless_the_network_is_asked_for() {
+    let carved = answer(&[], &["scan1.ply", "scan2.ply"]);
+    assert_eq!((&carved["planner"], &carved["evidence"]), (&"volumetric".into(), &"clouds".into()), "{carved}");
+    assert!(carved["planner_reason"].as_str().is_some_and(|why| why.contains("estimated")), "{carved}");
+    let answer = answer(&["--planner", "benbv-net"], &["scan1.ply", "scan2.ply"]);
     assert_eq!(answer["planner"], "benbv-net", "{answer}");
     assert!(answer["next"].is_object(), "a view: {answer}");
     let scores: Vec<f64> =

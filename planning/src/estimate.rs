@@ -4,6 +4,7 @@
 use crate::{CameraPose, PastScan, Seen};
 use geometry::{PointCloud, View, orient_normals_toward};
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// A cloud of which less than this share faces one camera is taken for several scans merged.
@@ -45,16 +46,23 @@ fn middle(points: &[Point3<f64>]) -> Point3<f64> {
 /// Greedily the direction from which most of the points not yet explained are seen.
 fn merged_scans(cloud: &PointCloud, middle: &Point3<f64>, distance: f64, spacing: f64) -> Vec<PastScan> {
     let normals: Vec<Vector3<f64>> = cloud.normals.iter().map(|n| n.try_normalize(0.0).unwrap_or_default()).collect();
-    let directions: Vec<Vector3<f64>> = (0..DIRECTIONS).map(fibonacci).collect();
-    let seen: Vec<Vec<usize>> = directions.iter().map(|d| visible(cloud, &normals, middle, d, 3.0 * spacing)).collect();
+    // Some of the cloud's own normals, so that the answer moves with it.
+    let step = normals.len().div_ceil(DIRECTIONS).max(1);
+    let directions: Vec<Vector3<f64>> = normals.iter().step_by(step).copied().filter(|n| n.norm() > 0.5).collect();
+    let aside = |d: &Vector3<f64>| directions.iter().map(|other| d.cross(other)).find(|c| c.norm() > 0.1);
+    let look = |d: &Vector3<f64>| match aside(d) {
+        Some(u) => visible(cloud, &normals, middle, [d, &u.normalize()], 3.0 * spacing),
+        None => Vec::new(),
+    };
+    let seen: Vec<Vec<usize>> = directions.par_iter().map(look).collect();
     let mut open = vec![true; cloud.len()];
     let mut left = cloud.len() as f64;
     let mut scans = Vec::new();
     while scans.len() < MOST && left > (1.0 - EXPLAINED) * cloud.len() as f64 {
         let explains =
             |k: usize| seen[k].iter().filter(|&&i| open[i]).map(|&i| normals[i].dot(&directions[k])).sum::<f64>();
-        let values: Vec<f64> = (0..DIRECTIONS).map(explains).collect();
-        let Some(best) = (0..DIRECTIONS).max_by(|&a, &b| values[a].total_cmp(&values[b])) else { break };
+        let values: Vec<f64> = (0..directions.len()).map(explains).collect();
+        let Some(best) = (0..directions.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])) else { break };
         if values[best] < LEAST * cloud.len() as f64 {
             break;
         }
@@ -67,20 +75,19 @@ fn merged_scans(cloud: &PointCloud, middle: &Point3<f64>, distance: f64, spacing
     scans
 }
 
-/// Indices of the points that face a direction and are not behind others, in cells of this width, metres.
+/// Indices of the points that face a direction (the second is at a right angle to it) and are not behind others, in
+/// cells of this width, metres.
 fn visible(
     cloud: &PointCloud,
     normals: &[Vector3<f64>],
     middle: &Point3<f64>,
-    d: &Vector3<f64>,
+    [d, u]: [&Vector3<f64>; 2],
     cell: f64,
 ) -> Vec<usize> {
-    let any = if d.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
-    let u = d.cross(&any).normalize();
-    let v = d.cross(&u);
+    let v = d.cross(u);
     let place = |p: &Point3<f64>| {
         let r = p - middle;
-        let at = [r.dot(&u), r.dot(&v)].map(|x| (x / cell).floor() as i64);
+        let at = [r.dot(u), r.dot(&v)].map(|x| (x / cell).floor() as i64);
         (at, r.dot(d))
     };
     let mut front: HashMap<[i64; 2], f64> = HashMap::new();
@@ -93,13 +100,6 @@ fn visible(
         normals[i].dot(d) > GRAZING && height >= front[&at] - 2.0 * cell
     };
     (0..cloud.len()).filter(seen).collect()
-}
-
-/// Evenly spread unit vectors.
-fn fibonacci(i: usize) -> Vector3<f64> {
-    let z = 1.0 - 2.0 * (i as f64 + 0.5) / DIRECTIONS as f64;
-    let turn = i as f64 * 2.399_963_229_728_653;
-    Vector3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z)
 }
 
 #[cfg(test)]
