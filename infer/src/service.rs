@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Limits of the service (`[serve]` in the configuration file of `infer --serve`).
+/// Limits of the service: fixed, no settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Largest request body, bytes.

@@ -2,8 +2,12 @@
 
 use geometry::{NeighborGrid, PointCloud, rng};
 use nalgebra::{Isometry3, Point3, Vector3};
-use planning::{Answer, Constraint, Evidence, PlannerName, Scan, Session, SessionConfig, SessionError};
+use planning::{
+    Answer, Constraint, Evidence, Network, PlanError, Planner, PlannerName, RankedView, Scan, ScanState, Session,
+    SessionConfig, SessionError,
+};
 use rand::Rng;
+use rand_chacha::ChaCha8Rng;
 
 /// Random points of a bumpy ball of radius 0.1 that a camera at +z of it can see.
 fn cap(count: usize) -> Vec<Point3<f64>> {
@@ -139,6 +143,41 @@ fn known_cameras_let_auto_carve() {
     let half = auto(vec![scan(cap(3_000), Some(camera())), scan(cap(2_000), None)]);
     assert_eq!((half.planner.as_str(), half.evidence), ("volumetric", Evidence::Clouds), "one camera is estimated");
     assert!(half.planner_reason.contains("estimated"), "{}", half.planner_reason);
+}
+
+/// A network that breaks.
+struct Broken;
+
+impl Planner for Broken {
+    fn name(&self) -> &str {
+        "benbv-net"
+    }
+
+    fn rank_views(&mut self, _: &ScanState, _: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+        Err(PlanError::failed("benbv-net", "a view was scored NaN"))
+    }
+}
+
+#[test]
+fn a_network_that_breaks_is_an_error_and_never_the_end() {
+    let config = SessionConfig { planner: PlannerName::BenbvNet, ..Default::default() };
+    let mut session = Session::new(config, Some(Network::new(Broken))).expect("defaults");
+    session.add_scan(scan(cap(3_000), Some(camera()))).expect("a scan");
+    let error = session.next_view().expect_err("broken").to_string();
+    assert_eq!(error, "planner benbv-net failed: a view was scored NaN");
+}
+
+#[test]
+fn a_request_holds_for_itself_alone() {
+    let mut session = Session::new(farthest(), None).expect("defaults");
+    session.add_scan(scan(cap(3_000), Some(camera()))).expect("a scan");
+    let limit = planning::ConstraintsConfig { max_travel_m: Some(0.5), ..Default::default() };
+    session.configure(SessionConfig { constraints: limit, ..farthest() }).expect("in range");
+    let before = session.next_view().expect("an answer");
+    let below = planning::session::Request { current_position_m: Some([0.0, 0.0, -1.2]) };
+    let other = session.next_view_for(&below).expect("an answer");
+    assert_ne!(before.excluded, other.excluded, "another position is within reach of other views");
+    assert_eq!(session.next_view().expect("an answer"), before, "and is forgotten");
 }
 
 #[test]

@@ -126,7 +126,8 @@ impl Answer {
     /// Why there is no next view.
     pub fn no_view_reason(&self) -> String {
         if self.candidates.is_empty() {
-            return "the measured surface has no boundary to look beyond: it looks complete".to_owned();
+            return "the measured surface has no boundary to look beyond: as far as its spacing tells, it is closed"
+                .to_owned();
         }
         format!("all {} candidates are ruled out: {}", self.candidates.len(), self.describe_exclusions())
     }

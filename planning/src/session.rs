@@ -216,6 +216,10 @@ impl Session {
         let boundary = BoundaryConfig::default();
         let near = state.neighborhoods(boundary.neighbors);
         let boundary = boundary_among(&state.cloud, &near, near.mean_distance(), &boundary).len();
+        if ranked.is_empty() && boundary > 0 {
+            let why = format!("none of the {boundary} boundary points has a normal to look along");
+            return Err(PlanError::no_view(choice.planner.as_str(), why).into());
+        }
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
         let known = Surroundings {
             points: &self.state.cloud.points,
