@@ -2,7 +2,7 @@
 
 use super::{GenerateError, Job, Outcome, lock, shard_path, skip_path};
 use crate::dataset::{Object, load_mesh};
-use crate::episode::{VoidEpisode, run_episode_with};
+use crate::episode::{EpisodeError, run_episode_with};
 use crate::scene::Scene;
 use crate::search::SearchPlanner;
 use formats::run::{atomic_write, hex, remove_temporaries};
@@ -80,7 +80,7 @@ enum Unusable {
     #[error("the mesh has no area")]
     NoArea,
     #[error(transparent)]
-    Void(#[from] VoidEpisode),
+    Void(#[from] EpisodeError),
     #[error("the first scan has no boundary: there is nothing to decide")]
     NoBoundary,
     #[error("internal error: {0}")]
