@@ -247,7 +247,7 @@ fn episodes_with_other_weights_do_not_count() {
     let mut contents = evaluate::journal::read(directory.path()).expect("read");
     assert_eq!(contents.forget_other_weights("benbv-net", of("benbv-net").as_deref()), 0);
     assert_eq!(contents.forget_other_weights(&policy, of(&policy).as_deref()), 1);
-    let missing = check(&named("benbv-net:no/such"), &config, &networks).err().expect("refused").to_string();
+    let missing = check(&named("benbv-net:no/such"), &config, &networks).expect_err("refused").to_string();
     assert!(missing.contains("no/such"), "{missing}");
 }
 
