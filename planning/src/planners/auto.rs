@@ -105,7 +105,7 @@ pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Resu
             let carves = match evidence {
                 Evidence::DepthWithBackground => "seen and unseen space are told apart",
                 Evidence::Clouds => {
-                    "cameras are estimated from the normals, to about 10 degrees, and space is carved from there"
+                    "cameras are estimated from the normals, which is uncertain, and space is carved from there"
                 }
                 _ => "space is known to be free up to the points seen",
             };

@@ -337,3 +337,40 @@ fn every_tile_shows_a_block_around_the_eye() {
     assert!(ahead > 0 && ahead < 20, "{ahead} tiles");
     assert_eq!(Tiles::new(&camera, &[6.0, 6.0, 30.0], &nalgebra::Matrix3::identity(), &[[4, 4, 4]]).spans().count(), 0);
 }
+
+#[test]
+fn outside_of_the_outline_is_background_and_a_dropout_is_not() {
+    let state = ball(Misses::Unknown);
+    let mut scan = (*state.scans[0]).clone();
+    let points = PastScan { seen: Seen::Points(state.cloud.points.clone()), ..scan.clone() };
+    if let Seen::Depth { depth, .. } = &mut scan.seen {
+        (0..6400)
+            .filter(|i| (35..45).contains(&(i % 80)) && (35..45).contains(&(i / 80)))
+            .for_each(|i| depth.depth[i] = 0.0);
+    }
+    for (scan, name) in [(&scan, "depth"), (&points, "points")] {
+        let outline = Silhouette::of(scan, 0.004, 1).expect("it saw something");
+        let is = |x: f64, z: f64| outline.is_background(&Point3::new(x, 0.0, z));
+        assert!(is(0.12, 0.0) && is(-0.12, -0.1) && is(0.11, 0.3), "{name}: beside the ball");
+        assert!(!is(0.0, 0.0) && !is(0.0, -0.3) && !is(0.06, 0.0), "{name}: the ball, behind it, a dropout on it");
+        assert!(!is(0.0, 2.0), "{name}: behind the camera");
+    }
+    let outline = Silhouette::of(&scan, 0.004, 1).expect("it saw something");
+    assert!(!outline.is_background(&Point3::new(5.0, 0.0, 0.0)), "beyond the image nothing is known");
+    let empty = PastScan { seen: Seen::Points(Vec::new()), ..points };
+    assert!(Silhouette::of(&empty, 0.004, 1).is_none());
+}
+
+#[test]
+fn an_outline_that_others_contradict_is_no_longer_trusted() {
+    let mut state = ball(Misses::Unknown);
+    let mut planner = VolumetricPlanner::default();
+    planner.carved_grid(&state);
+    assert!(planner.carved[0].background().is_some(), "nothing speaks against it");
+    for i in 0..state.cloud.len() / 10 {
+        state.cloud.points.push(Point3::new(0.09, 0.0001 * i as f64 - 0.02, 0.0));
+        state.cloud.normals.push(Vector3::x());
+    }
+    planner.carved_grid(&state);
+    assert!(planner.carved[0].background().is_none(), "surface in its background");
+}
