@@ -9,7 +9,7 @@ use geometry::rng::stream;
 use geometry::{PinholeCamera, PointCloud, View, overlap};
 use nalgebra::{Point3, Vector3};
 use planning::{Accumulate, PlanError, Planner, RankedView, ScanState, Session};
-use rand::Rng;
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::time::Instant;
 
@@ -313,7 +313,7 @@ pub fn run_session(
     mut decide: impl FnMut(&mut Session, &Progress, &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError>,
 ) -> Result<(Episode, Session), EpisodeError> {
     let mut config = config.clone();
-    let noise_key: u64 = rng.r#gen();
+    let noise_key: u64 = rng.random();
     if let Some(noise) = &mut config.render.noise {
         noise.seed ^= noise_key;
     }
@@ -401,9 +401,9 @@ fn first_scan(camera: &mut ScanCamera, world: &mut World, rng: &mut ChaCha8Rng) 
 /// azimuth in [0, 360), looking at the origin.
 pub fn initial_view(config: &EpisodeConfig, rng: &mut ChaCha8Rng) -> View {
     let (polar, azimuth) = if config.initial_whole_degrees {
-        (f64::from(rng.gen_range(0..90)), f64::from(rng.gen_range(0..360)))
+        (f64::from(rng.random_range(0..90)), f64::from(rng.random_range(0..360)))
     } else {
-        (rng.gen_range(0.0..90.0), rng.gen_range(0.0..360.0))
+        (rng.random_range(0.0..90.0), rng.random_range(0.0..360.0))
     };
     let (polar, azimuth) = (f64::to_radians(polar), f64::to_radians(azimuth));
     let direction = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());

@@ -4,7 +4,8 @@
 
 use geometry::{DepthImage, PinholeCamera, rng};
 use nalgebra::{Isometry3, Vector3};
-use rand::Rng;
+use rand::RngExt;
+use rand_distr::StandardNormal;
 
 /// Settings of the sensor noise. Zero switches a part off.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -68,8 +69,8 @@ impl NoiseConfig {
         for row in 0..image.size[1] {
             for column in 0..image.size[0] {
                 // Every pixel draws the same numbers, so that switching a part off leaves the others as they are.
-                let [jitter_u, jitter_v, axial] = [normal(&mut rng), normal(&mut rng), normal(&mut rng)];
-                let [chance_grazing, chance_edge]: [f64; 2] = [rng.r#gen(), rng.r#gen()];
+                let [jitter_u, jitter_v, axial] = std::array::from_fn::<f64, 3, _>(|_| rng.sample(StandardNormal));
+                let [chance_grazing, chance_edge]: [f64; 2] = [rng.random(), rng.random()];
                 let [c, r] = [(column, jitter_u), (row, jitter_v)]
                     .map(|(at, jitter)| i64::from(at) + (jitter * self.lateral_sigma_px).round() as i64);
                 let Some(z) = depth(&ideal, c, r) else {
@@ -129,12 +130,6 @@ fn with_margin(image: &DepthImage, camera: &PinholeCamera, margin: u32) -> Depth
         wider.depth[to..to + columns].copy_from_slice(&image.depth[from..from + columns]);
     }
     wider
-}
-
-/// A standard normal number (Box and Muller 1958).
-fn normal(rng: &mut impl Rng) -> f64 {
-    let u: f64 = 1.0 - rng.r#gen::<f64>();
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * rng.r#gen::<f64>()).cos()
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
 //! Errors of the camera's pose: where the arm stands, and where registration believes that it stands.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use rand::Rng;
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
 
 /// Settings of the pose error. Zero switches a part off.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -58,15 +59,9 @@ impl PoseError {
 
 /// A small random motion.
 fn disturbance(sigma_m: f64, sigma_deg: f64, rng: &mut ChaCha8Rng) -> Isometry3<f64> {
-    let mut normal = |sigma: f64| Vector3::from_fn(|_, _| sigma * standard_normal(rng));
+    let mut normal = |sigma: f64| Vector3::from_fn(|_, _| sigma * rng.sample::<f64, _>(StandardNormal));
     let (shift, turn) = (normal(sigma_m), normal(sigma_deg.to_radians()));
     Isometry3::from_parts(Translation3::from(shift), UnitQuaternion::from_scaled_axis(turn))
-}
-
-/// Box and Muller's.
-fn standard_normal(rng: &mut ChaCha8Rng) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - rng.r#gen::<f64>(), rng.r#gen());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 #[cfg(test)]

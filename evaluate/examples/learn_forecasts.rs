@@ -15,7 +15,7 @@ use geometry::sampling::sample_surface;
 use nalgebra::Point3;
 use planning::accumulate::reference_surface;
 use planning::{CandidateConfig, PlanError, Planner, RankedView, ScanState, VolumetricPlanner};
-use rand::Rng;
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -77,8 +77,8 @@ impl Planner for Recorder<'_> {
         });
         self.decisions.push(Decision(labelled.collect()));
         let mut ranked = self.inner.rank(&forecasts);
-        if !ranked.is_empty() && rng.gen_bool(self.explore) {
-            let any = rng.gen_range(0..ranked.len());
+        if !ranked.is_empty() && rng.random_bool(self.explore) {
+            let any = rng.random_range(0..ranked.len());
             ranked.swap(0, any);
         }
         Ok(ranked)

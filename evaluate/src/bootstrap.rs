@@ -2,7 +2,7 @@
 
 use crate::metrics::{Column, Draw, Figure, Runs, efficiency};
 use geometry::rng::stream;
-use rand::Rng;
+use rand::RngExt;
 
 /// What is drawn again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,11 +32,11 @@ pub fn draws(sizes: &[usize], over: Over, resamples: usize, seed: u64) -> Vec<Dr
             Over::Episodes => sizes
                 .iter()
                 .enumerate()
-                .map(|(object, &n)| (object, (0..n).map(|_| rng.gen_range(0..n)).collect()))
+                .map(|(object, &n)| (object, (0..n).map(|_| rng.random_range(0..n)).collect()))
                 .collect(),
             Over::Objects => (0..sizes.len())
                 .map(|_| {
-                    let object = rng.gen_range(0..sizes.len());
+                    let object = rng.random_range(0..sizes.len());
                     (object, (0..sizes[object]).collect())
                 })
                 .collect(),
@@ -148,7 +148,7 @@ mod tests {
         let mut rng = stream(3, "normal");
         let list: Vec<_> = (0..100)
             .map(|e| {
-                let sum: f64 = (0..12).map(|_| rng.r#gen::<f64>()).sum::<f64>() - 6.0;
+                let sum: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
                 record("a", "p", e, &[0.5 + 0.05 * sum], &[])
             })
             .collect();
@@ -165,7 +165,7 @@ mod tests {
         let mut rng = stream(4, "pairs");
         let list: Vec<_> = (0..40)
             .flat_map(|e| {
-                let c = rng.gen_range(0.5..0.9);
+                let c = rng.random_range(0.5..0.9);
                 [record("a", "p", e, &[c], &[]), record("a", "q", e, &[c + 0.005], &[])]
             })
             .collect();

@@ -21,7 +21,7 @@ pub fn features(state: &ScanState, forecasts: &Forecasts) -> Vec<[f64; FEATURES]
         let own = [hidden, expected, known, behind, covered, f.gain, f.overlap.unwrap_or(0.0), f.novelty];
         let mut x = [0.0; FEATURES];
         x[..8].copy_from_slice(&own);
-        x[8..].copy_from_slice(&[forecasts.covered, scans, pixel, spacing]);
+        x[8..].copy_from_slice(&[forecasts.surface.covered(), scans, pixel, spacing]);
         x
     };
     forecasts.views.iter().map(of).collect()
@@ -161,13 +161,13 @@ impl Learned {
 mod tests {
     use super::*;
     use geometry::rng::stream;
-    use rand::Rng;
+    use rand::RngExt;
 
     /// Decisions whose gain and overlap are known functions of the features.
     fn decisions() -> Vec<Decision> {
         let mut rng = stream(4, "test/learned");
         let mut labelled = || {
-            let features = [(); FEATURES].map(|()| rng.gen_range(0.0..1.0));
+            let features = [(); FEATURES].map(|()| rng.random_range(0.0..1.0));
             let (gain, overlap) = (0.3 * features[1] * features[8], 0.2 + 0.5 * features[4]);
             Labelled { features, gain, overlap }
         };

@@ -10,7 +10,7 @@ use formats::{Fate, ObjectRecord, Split};
 use geometry::{PointCloud, View, rng};
 use nalgebra::{Isometry3, Point3, Vector3};
 use planning::CandidateView;
-use rand::Rng;
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -80,34 +80,34 @@ fn mutate(seed: &[u8], other: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
         "\\\n",
     ];
     let mut bytes = seed.to_vec();
-    for _ in 0..rng.gen_range(1..8) {
-        let at = rng.gen_range(0..=bytes.len());
-        let end = (at + rng.gen_range(0..24)).min(bytes.len());
-        match rng.gen_range(0..8) {
-            0 if at < bytes.len() => bytes[at] = rng.r#gen(),
-            1 if at < bytes.len() => bytes[at] ^= 1 << rng.gen_range(0..8),
+    for _ in 0..rng.random_range(1..8) {
+        let at = rng.random_range(0..=bytes.len());
+        let end = (at + rng.random_range(0..24)).min(bytes.len());
+        match rng.random_range(0..8) {
+            0 if at < bytes.len() => bytes[at] = rng.random(),
+            1 if at < bytes.len() => bytes[at] ^= 1 << rng.random_range(0..8),
             2 => bytes.truncate(at),
             3 => drop(bytes.drain(at..end)),
             4 => {
-                let word = WORDS[rng.gen_range(0..WORDS.len())];
-                let end = if rng.r#gen() { at } else { end };
+                let word = WORDS[rng.random_range(0..WORDS.len())];
+                let end = if rng.random() { at } else { end };
                 bytes.splice(at..end, word.bytes());
             }
             5 => {
-                let number: u64 = [u64::MAX, 1 << 40, u64::from(u32::MAX), 0x7fff_ffff, 0][rng.gen_range(0..5)];
-                let width = [1, 2, 4, 8][rng.gen_range(0..4)];
+                let number: u64 = [u64::MAX, 1 << 40, u64::from(u32::MAX), 0x7fff_ffff, 0][rng.random_range(0..5)];
+                let width = [1, 2, 4, 8][rng.random_range(0..4)];
                 for (slot, byte) in bytes[at..].iter_mut().zip(&number.to_le_bytes()[..width]) {
                     *slot = *byte;
                 }
             }
             6 => {
                 let copy = bytes[at..end].to_vec();
-                let to = rng.gen_range(0..=bytes.len());
+                let to = rng.random_range(0..=bytes.len());
                 bytes.splice(to..to, copy);
             }
             _ if !other.is_empty() => {
-                let from = rng.gen_range(0..other.len());
-                let until = (from + rng.gen_range(0..64)).min(other.len());
+                let from = rng.random_range(0..other.len());
+                let until = (from + rng.random_range(0..64)).min(other.len());
                 bytes.splice(at..end, other[from..until].iter().copied());
             }
             _ => {}
@@ -126,8 +126,8 @@ fn fuzz(name: &str, seeds: &[(PathBuf, Vec<u8>)], mut read: impl FnMut(&Path, &[
         assert!(read(path, bytes), "{name}: the unchanged {path:?} must be read");
     }
     while Instant::now() < end {
-        let (path, seed) = &seeds[rng.gen_range(0..seeds.len())];
-        let other = &seeds[rng.gen_range(0..seeds.len())].1;
+        let (path, seed) = &seeds[rng.random_range(0..seeds.len())];
+        let other = &seeds[rng.random_range(0..seeds.len())].1;
         let bytes = mutate(seed, other, &mut rng);
         let before = HELD.get();
         PEAK.set(before);

@@ -174,7 +174,7 @@ mod tests {
     use super::*;
     use crate::golden::Golden;
     use crate::rng::stream;
-    use rand::Rng;
+    use rand::RngExt;
 
     fn plane(pitch: f64) -> PointCloud {
         let points = (0..400).map(|i| Point3::new(f64::from(i % 20) * pitch, f64::from(i / 20) * pitch, 0.0)).collect();
@@ -218,9 +218,10 @@ mod tests {
         for gap in [60.0, 120.0, 150.0, 200.0] {
             let config = BoundaryConfig { max_gap_deg: gap, ..BoundaryConfig::default() };
             for _ in 0..300 {
-                let n = rng.gen_range(2..9);
+                let n = rng.random_range(2..9);
                 let mut points = vec![Point3::origin()];
-                points.extend((1..n).map(|_| Point3::new(rng.gen_range(-1.0..1.0), rng.gen_range(-1.0..1.0), 0.0)));
+                points
+                    .extend((1..n).map(|_| Point3::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0), 0.0)));
                 let mut angles: Vec<f64> = points[1..].iter().map(|p| f64::atan2(p.y, p.x).to_degrees()).collect();
                 angles.sort_by(f64::total_cmp);
                 angles.push(angles[0] + 360.0);

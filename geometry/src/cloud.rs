@@ -182,14 +182,14 @@ mod tests {
     use super::*;
     use crate::golden::Golden;
     use crate::rng::stream;
-    use rand::Rng;
+    use rand::RngExt;
     use std::collections::BTreeMap;
 
     #[test]
     fn voxel_means_equal_those_of_a_map() {
         let mut rng = stream(1, "voxels");
         for origin in [VoxelOrigin::World, VoxelOrigin::CloudMinimum] {
-            let points: Vec<_> = (0..2000).map(|_| Point3::from([0; 3].map(|_| rng.gen_range(-0.1..0.1)))).collect();
+            let points: Vec<_> = (0..2000).map(|_| Point3::from([0; 3].map(|_| rng.random_range(-0.1..0.1)))).collect();
             let cloud = PointCloud { normals: points.iter().map(|p| p.coords).collect(), points };
             let thin = cloud.voxel_downsample(0.01, origin);
             let corner = match origin {

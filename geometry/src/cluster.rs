@@ -2,8 +2,8 @@
 //! and 4).
 
 use nalgebra::Point3;
-use rand::distributions::{Distribution, WeightedIndex};
-use rand::{Rng, SeedableRng};
+use rand::distr::{Distribution, weighted::WeightedIndex};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Rounds of the k-means at most.
@@ -19,7 +19,7 @@ pub fn representatives(points: &[Point3<f64>], k: usize, rng: &mut ChaCha8Rng) -
 
 /// Cluster of each point. Each call takes one seed from `rng`, whatever the points.
 fn kmeans_labels(points: &[Point3<f64>], k: usize, rng: &mut ChaCha8Rng) -> Vec<usize> {
-    let mut seeded = ChaCha8Rng::from_seed(rng.r#gen());
+    let mut seeded = ChaCha8Rng::from_seed(rng.random());
     let k = k.min(points.len());
     if k == 0 {
         return Vec::new();
@@ -146,7 +146,7 @@ mod tests {
         let groups = [Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 5.0, 1.0)];
         let mut rng = stream(1, "cluster");
         let points: Vec<_> =
-            (0..90).map(|i| groups[i % 3] + nalgebra::Vector3::from_fn(|_, _| rng.gen_range(-0.01..0.01))).collect();
+            (0..90).map(|i| groups[i % 3] + nalgebra::Vector3::from_fn(|_, _| rng.random_range(-0.01..0.01))).collect();
         let mut found = representatives(&points, 3, &mut rng).iter().map(|i| i % 3).collect::<Vec<_>>();
         found.sort_unstable();
         assert_eq!(found, [0, 1, 2]);
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn the_same_stream_gives_the_same_clusters() {
         let mut rng = stream(3, "cluster");
-        let points: Vec<_> = (0..500).map(|_| Point3::from([0; 3].map(|_| rng.gen_range(-0.1..0.1)))).collect();
+        let points: Vec<_> = (0..500).map(|_| Point3::from([0; 3].map(|_| rng.random_range(-0.1..0.1)))).collect();
         let run = || representatives(&points, 20, &mut stream(4, "kmeans"));
         assert_eq!(run(), run());
         assert_eq!(run().len(), 20);

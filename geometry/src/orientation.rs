@@ -123,7 +123,7 @@ mod tests {
     use crate::normals::estimate_normals;
     use crate::rng::stream;
     use nalgebra::Point3;
-    use rand::Rng;
+    use rand::RngExt;
 
     /// A torus with its outward normals; large radius 3, small radius 1.
     fn torus(n: usize) -> PointCloud {
@@ -131,7 +131,7 @@ mod tests {
         let mut cloud = PointCloud::default();
         for _ in 0..n {
             let (u, v): (f64, f64) =
-                (rng.gen_range(0.0..std::f64::consts::TAU), rng.gen_range(0.0..std::f64::consts::TAU));
+                (rng.random_range(0.0..std::f64::consts::TAU), rng.random_range(0.0..std::f64::consts::TAU));
             let normal = Vector3::new(v.cos() * u.cos(), v.cos() * u.sin(), v.sin());
             cloud.points.push(Point3::new(3.0 * u.cos(), 3.0 * u.sin(), 0.0) + normal);
             cloud.normals.push(normal);
@@ -156,7 +156,7 @@ mod tests {
         truth.merge(&other);
         let mut rng = stream(2, "flip");
         let mut cloud = truth.clone();
-        cloud.normals.iter_mut().for_each(|n| *n *= if rng.r#gen() { 1.0 } else { -1.0 });
+        cloud.normals.iter_mut().for_each(|n| *n *= if rng.random() { 1.0 } else { -1.0 });
         orient_normals_consistent(&mut cloud, 10);
         for half in [0..3000, 3000..6000] {
             let agree = half.clone().filter(|&i| cloud.normals[i].dot(&truth.normals[i]) > 0.0).count();

@@ -19,7 +19,7 @@ pub fn stream(seed: u64, name: &str) -> ChaCha8Rng {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::RngCore;
+    use rand::Rng;
 
     #[test]
     fn streams_depend_on_seed_and_name() {

@@ -2,7 +2,7 @@
 
 use crate::Mesh;
 use nalgebra::Point3;
-use rand::Rng;
+use rand::{Rng, RngExt};
 use std::collections::BinaryHeap;
 use std::collections::binary_heap::PeekMut;
 
@@ -31,13 +31,13 @@ pub fn sample_surface(mesh: &Mesh, count: usize, rng: &mut impl Rng) -> Vec<Poin
     let (mut triangle, mut before) = (0, 0.0);
     (0..count)
         .map(|i| {
-            let along = (i as f64 + rng.r#gen::<f64>()) / count as f64 * total;
+            let along = (i as f64 + rng.random::<f64>()) / count as f64 * total;
             while before + area[triangle] < along && triangle + 1 < area.len() {
                 before += area[triangle];
                 triangle += 1;
             }
             let [a, b, c] = mesh.corners(mesh.triangles[triangle]);
-            let (root, v) = (rng.r#gen::<f64>().sqrt(), rng.r#gen::<f64>());
+            let (root, v) = (rng.random::<f64>().sqrt(), rng.random::<f64>());
             a + (b - a) * (root * (1.0 - v)) + (c - a) * (root * v)
         })
         .collect()

@@ -7,7 +7,7 @@
 use geometry::{PointCloud, rng};
 use nalgebra::{Point3, Vector3};
 use planning::{Network, PlannerName, Scan, Session, SessionConfig};
-use rand::Rng;
+use rand::RngExt;
 use std::time::Instant;
 
 /// What a camera at +z sees of a bumpy ball of 0.2 m.
@@ -15,7 +15,7 @@ fn cloud(count: usize) -> Vec<Point3<f64>> {
     let mut rng = rng::stream(1, "bench/cloud");
     let mut points = Vec::with_capacity(count);
     while points.len() < count {
-        let v = Vector3::new(rng.gen_range(-1.0..1.0), rng.gen_range(-1.0..1.0), rng.gen_range(0.0..1.0f64));
+        let v = Vector3::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0), rng.random_range(0.0..1.0f64));
         if (0.1..1.0).contains(&v.norm()) {
             let n = v.normalize();
             points.push(Point3::from(n * (0.1 + 0.01 * (5.0 * n.x).sin() * (4.0 * n.y).cos())));

@@ -6,7 +6,7 @@ use planning::{
     Answer, Constraint, Evidence, Network, PlanError, Planner, PlannerName, RankedView, Scan, ScanState, Session,
     SessionConfig, SessionError,
 };
-use rand::Rng;
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// Random points of a bumpy ball of radius 0.1 that a camera at +z of it can see.
@@ -14,7 +14,7 @@ fn cap(count: usize) -> Vec<Point3<f64>> {
     let mut rng = rng::stream(5, "test/cap");
     let mut points = Vec::with_capacity(count);
     while points.len() < count {
-        let v = Vector3::new(rng.gen_range(-1.0..1.0), rng.gen_range(-1.0..1.0), rng.gen_range(-0.2..1.0f64));
+        let v = Vector3::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0), rng.random_range(-0.2..1.0f64));
         if (0.1..1.0).contains(&v.norm()) && v.normalize().z > -0.1 {
             let n = v.normalize();
             points.push(Point3::from(n * (0.1 + 0.01 * (5.0 * n.x).sin() * (4.0 * n.y).cos())));

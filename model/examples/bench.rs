@@ -8,7 +8,7 @@ use burn::optim::{AdamWConfig, GradientsParams};
 use burn::tensor::{Device, Tensor, TensorData};
 use cpu_time::ProcessTime;
 use model::{BenbvNetConfig, NetInput, position_weighted_loss};
-use rand::Rng;
+use rand::RngExt;
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut net = BenbvNetConfig::paper().init(&device).materialize();
     let mut rng = geometry::rng::stream(0, "bench");
     let mut random = |shape: &[usize]| {
-        let values: Vec<f32> = (0..shape.iter().product()).map(|_| rng.gen_range(-1.0..1.0)).collect();
+        let values: Vec<f32> = (0..shape.iter().product()).map(|_| rng.random_range(-1.0..1.0)).collect();
         TensorData::new(values, shape.to_vec())
     };
     let mut cube = |rows| Tensor::<3>::from_data(random(&[batch, rows, 3]), &device);

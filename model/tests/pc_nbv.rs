@@ -8,7 +8,7 @@ use model::encode::EncodeConfig;
 use model::pc_nbv::{self, VIEWS};
 use model::{PcNbvModel, PcNbvNet, PcNbvNetConfig, checkpoint};
 use nalgebra::{Point3, Vector3};
-use rand::Rng;
+use rand::RngExt;
 use rand::seq::SliceRandom;
 
 fn net() -> PcNbvNet {
@@ -29,7 +29,7 @@ fn model() -> PcNbvModel {
 
 fn cloud(count: usize, seed: u64) -> Vec<Point3<f64>> {
     let mut rng = geometry::rng::stream(seed, "cloud");
-    (0..count).map(|_| Point3::from(Vector3::from_fn(|_, _| rng.gen_range(-0.1..0.1)))).collect()
+    (0..count).map(|_| Point3::from(Vector3::from_fn(|_, _| rng.random_range(-0.1..0.1)))).collect()
 }
 
 fn difference(a: &[f32; VIEWS], b: &[f32; VIEWS]) -> f32 {
@@ -113,7 +113,7 @@ fn seventeen_points_and_duplicates_are_enough() {
 fn one_step_lowers_the_loss_and_everything_has_a_gradient() {
     let device = Device::flex();
     let mut rng = geometry::rng::stream(4, "train");
-    let values: Vec<f32> = (0..3 * 40 * 3).map(|_| rng.gen_range(-1.0..1.0)).collect();
+    let values: Vec<f32> = (0..3 * 40 * 3).map(|_| rng.random_range(-1.0..1.0)).collect();
     let points = Tensor::<3>::from_data(TensorData::new(values, [3, 40, 3]), &device);
     let state = Tensor::<2>::zeros([3, VIEWS], &device);
     let target = Tensor::<2>::ones([3, VIEWS], &device) * 0.1;

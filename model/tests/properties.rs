@@ -7,8 +7,8 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use model::encode::{EncodeConfig, Encoded, to_input};
 use model::{BenbvNet, BenbvNetConfig, NetInput, checkpoint, position_weighted_loss};
-use rand::Rng;
 use rand::seq::SliceRandom;
+use rand::{Rng, RngExt};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The backend has one generator for the whole process: tests that draw weights or dropout take turns.
@@ -24,7 +24,7 @@ fn net(config: &BenbvNetConfig, seed: u64) -> BenbvNet {
 }
 
 fn sample(points: usize, candidates: usize, rng: &mut impl Rng) -> Encoded {
-    let mut numbers = |count: usize| (0..count).map(|_| rng.gen_range(-0.1f32..0.1)).collect::<Vec<_>>();
+    let mut numbers = |count: usize| (0..count).map(|_| rng.random_range(-0.1f32..0.1)).collect::<Vec<_>>();
     let (points, normals) = (numbers(3 * points), numbers(3 * points));
     let (targets, directions) = (numbers(3 * candidates), numbers(3 * candidates));
     let density = numbers(candidates).iter().map(|x| 5.0 * (x + 0.1)).collect();

@@ -1,5 +1,6 @@
 //! The answer: ranked candidates with poses, reasons and warnings, for people and for machines.
 
+use crate::Surface;
 use crate::constraints::{Exclusion, Objection};
 use crate::planners::auto::Evidence;
 use crate::pose::Pose;
@@ -34,7 +35,7 @@ pub struct Candidate {
 /// Whether another view is worth it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stop {
-    /// Share of the whole surface that the next view is expected to add.
+    /// Share of the whole surface that one view can be expected to add: the most of all that may be taken.
     pub expected_gain: f64,
     /// Where that number comes from.
     pub basis: String,
@@ -74,6 +75,8 @@ pub struct Answer {
     pub evidence: Evidence,
     /// What was planned on.
     pub cloud: CloudSummary,
+    /// The known and the expected surface, where the planner makes them out.
+    pub surface: Option<Surface>,
     /// All candidates, best first, those ruled out last.
     pub candidates: Vec<Candidate>,
     /// How many candidates each constraint rules out.
@@ -100,6 +103,10 @@ impl Answer {
             if cloud.scans == 1 { "" } else { "s" },
             cloud.boundary_points
         ));
+        if let Some(surface) = &self.surface {
+            let [known, expected] = [surface.known_m2, surface.expected_m2].map(area);
+            line(format!("surface: {known} measured, {expected} expected where nothing is known yet"));
+        }
         line(format!("planner {}: {}", self.planner, self.planner_reason));
         for warning in &self.warnings {
             line(format!("warning: {warning}"));
@@ -156,18 +163,27 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     let [x, y, z, w] = next.world_from_camera.quaternion_xyzw;
     line(format!("  quaternion x {x:.6} y {y:.6} z {z:.6} w {w:.6}"));
     let mut benefit = String::new();
-    let _ = write!(benefit, "  expected gain {:.1} % of the surface ({})", 100.0 * stop.expected_gain, stop.basis);
+    let gain = next.expected_gain.unwrap_or(stop.expected_gain);
+    let _ = write!(benefit, "  expected gain {:.1} % of the surface ({})", 100.0 * gain, stop.basis);
     if let Some(overlap) = next.expected_overlap {
         let _ = write!(benefit, ", overlap {:.0} %", 100.0 * overlap);
     }
     line(benefit);
     if stop.stop {
-        line("  not worth it: the expected gain is below --stop-below".to_owned());
+        line("  not worth it: no view is expected to add as much as --stop-below".to_owned());
     }
 }
 
 fn triple(p: &[f64; 3]) -> String {
     format!("{:.4} {:.4} {:.4}", p[0], p[1], p[2])
+}
+
+/// An area in the unit that a person reads most easily.
+fn area(square_metres: f64) -> String {
+    match square_metres {
+        m2 if m2 >= 0.1 => format!("{m2:.2} m2"),
+        m2 => format!("{:.1} cm2", m2 * 1e4),
+    }
 }
 
 /// A length in the unit that a person reads most easily.

@@ -255,7 +255,7 @@ mod tests {
         let mut rng = stream(3, "jitter");
         let mut cloud = cloud;
         for p in &mut cloud.points {
-            *p += Vector3::from_fn(|_, _| rand::Rng::gen_range(&mut rng, -3e-4..3e-4));
+            *p += Vector3::from_fn(|_, _| rand::RngExt::random_range(&mut rng, -3e-4..3e-4));
         }
         let (here, there) = (views(&cloud), views(&cloud.transformed(&motion)));
         assert_eq!(here.len(), there.len());

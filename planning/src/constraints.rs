@@ -8,7 +8,10 @@ use serde::{Deserialize, Serialize};
 /// A box with edges along the axes: smallest and largest corner, metres.
 pub type Box3 = [[f64; 3]; 2];
 
-/// Limits on the camera, each off by default. World frame, metres, degrees.
+/// Where no clearance is set.
+const CLEARANCE_M: f64 = 0.05;
+
+/// Limits on the camera, each off by default but the clearance. World frame, metres, degrees.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ConstraintsConfig {
@@ -37,6 +40,7 @@ pub struct ConstraintsConfig {
     /// A camera this near to a position done already is a repetition.
     pub visited_radius_m: Option<f64>,
     /// Least distance from the camera to any measured point; the camera must not be inside the measured surface either.
+    /// Absent: 0.05, and a quarter of the working distance at most; 0 asks for none.
     pub clearance_m: Option<f64>,
 }
 
@@ -157,7 +161,9 @@ impl ConstraintsConfig {
                 object(Constraint::Visited, format!("{nearest:.3} m from a position done already"));
             }
         }
-        if let Some(clearance) = self.clearance_m {
+        let clearance =
+            self.clearance_m.unwrap_or_else(|| CLEARANCE_M.min(0.25 * (view.position - view.target).norm()));
+        if clearance > 0.0 && known.may_touch(camera, clearance) {
             let (distance, winding) = known.near(camera);
             if distance < clearance {
                 object(Constraint::Clearance, format!("{distance:.3} m from the measured surface"));
@@ -183,6 +189,8 @@ pub struct Surroundings<'a> {
     pub normals: &'a [Vector3<f64>],
     /// Mean distance of neighbouring points.
     pub spacing: f64,
+    /// The box around the points.
+    pub bounds: [Point3<f64>; 2],
     /// Where the camera is now.
     pub current: Option<Point3<f64>>,
     /// Positions done already.
@@ -190,6 +198,12 @@ pub struct Surroundings<'a> {
 }
 
 impl Surroundings<'_> {
+    /// Whether `q` is in the box around the points or within this distance of it.
+    fn may_touch(&self, q: &Point3<f64>, distance: f64) -> bool {
+        let [low, high] = self.bounds;
+        (0..3).all(|k| q[k] >= low[k] - distance && q[k] <= high[k] + distance)
+    }
+
     /// Distance from `q` to the nearest point, and the winding number of the measured surface around `q`
     /// (Barill et al. 2018, equation 3, with an area of spacing squared per point): 1 inside a closed
     /// surface, 0 outside.
@@ -332,16 +346,17 @@ mod tests {
     #[test]
     fn each_limit_rules_out_its_own_view() {
         use Constraint as C;
+        let default = || ConstraintsConfig { clearance_m: Some(0.0), ..ConstraintsConfig::default() };
         let (points, normals) = sphere(1.0);
         let spacing = (4.0 * std::f64::consts::PI / 4000.0f64).sqrt();
         let known = Surroundings {
+            bounds: [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)],
             points: &points,
             normals: &normals,
             spacing,
             current: Some(Point3::new(2.0, 0.0, 0.0)),
             visited: vec![Point3::new(0.0, 2.0, 0.0)],
         };
-        let default = ConstraintsConfig::default;
         // Setting, a view that stays, a view that goes, the constraint that says so.
         let cases = [
             (

@@ -55,7 +55,7 @@ use geometry::PointCloud;
 pub use planner::{PlanError, Planner, RankedView};
 pub use planners::auto::{AutoPlanner, Evidence, Network};
 pub use planners::farthest::FarthestPlanner;
-pub use planners::volumetric::{Forecasts, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace};
+pub use planners::volumetric::{Forecasts, Surface, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace};
 pub use scan::{Scan, ScanReport};
 pub use session::{Session, SessionError};
 pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};

@@ -17,6 +17,9 @@ const ORIENTATION_NEIGHBORS: usize = 10;
 /// Neighbours of a normal (20).
 pub(crate) const NORMAL_NEIGHBORS: usize = 20;
 
+/// Coordinates farther from the origin than this are none, metres: marks such as 1e30 that stand for no return.
+pub const FARTHEST_M: f64 = 1e6;
+
 /// What a scan is known by, world frame, metres.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Scan {
@@ -55,7 +58,8 @@ impl Scan {
 pub struct ScanReport {
     /// Points given.
     pub read: usize,
-    /// With a coordinate that is not finite (pixels without a return, in organised clouds).
+    /// With a coordinate that is not finite (pixels without a return, in organised clouds) or beyond [`FARTHEST_M`], as
+    /// the marks of some sensors for no return are.
     pub not_finite: usize,
     /// Outside the region of interest.
     pub outside_region: usize,
@@ -93,6 +97,8 @@ pub(crate) struct PreparedScan {
     pub cloud: PointCloud,
     /// Mean distance of its points to the nearest other, metres.
     pub spacing: f64,
+    /// The same before thinning.
+    pub measured_spacing: f64,
     pub report: ScanReport,
 }
 
@@ -120,13 +126,15 @@ pub(crate) fn prepare(
     let raw = match &mut scan {
         Scan::Cloud { cloud, .. } => std::mem::take(cloud),
         Scan::Depth { camera, depth, world_from_camera, .. } => {
+            depth.depth.iter_mut().filter(|d| !(f64::from(**d) <= FARTHEST_M)).for_each(|d| *d = 0.0);
             PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() }
         }
     };
     let mut report = ScanReport { read: raw.len(), ..Default::default() };
     let has_normals = raw.has_normals() && raw.normals.iter().any(|n| n.norm_squared() > 0.0);
     let finite = |i: &usize| {
-        raw.points[*i].iter().all(|x| x.is_finite()) && (!has_normals || raw.normals[*i].iter().all(|x| x.is_finite()))
+        raw.points[*i].iter().all(|x| x.abs() <= FARTHEST_M)
+            && (!has_normals || raw.normals[*i].iter().all(|x| x.is_finite()))
     };
     let mut kept: Vec<usize> = (0..raw.len()).filter(finite).collect();
     report.not_finite = raw.len() - kept.len();
@@ -182,11 +190,16 @@ pub(crate) fn prepare(
             let near = near.get_or_insert_with(|| neighborhoods(&cloud.points));
             orient_normals_among(&mut cloud, near, ORIENTATION_NEIGHBORS);
         }
+        let measured = thin::sample(&all.points, 60_000, config.seed, "infer/density");
         let distance = config.working_distances().iter().sum::<f64>() / config.working_distances().len() as f64;
-        past = estimated_scans(&mut cloud, distance, spacing);
+        past = estimated_scans(&mut cloud, &measured, distance, spacing);
     }
     let past = past.into_iter().map(Arc::new).collect();
-    Ok((PreparedScan { past, cloud, spacing, report }, near))
+    let measured_spacing = match report.thinned * 10 > all.len() {
+        true => thin::spacing_of_all(&all.points, config.max_points, config.seed).min(spacing),
+        false => spacing,
+    };
+    Ok((PreparedScan { past, cloud, spacing, measured_spacing, report }, near))
 }
 
 /// What a planner may know of a scan with these points; `None` where the camera is unknown.

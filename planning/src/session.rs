@@ -10,7 +10,7 @@ use crate::scan::{PreparedScan, Scan, ScanReport, prepare};
 use crate::{Accumulate, Evidence, PlanError, Planner};
 use crate::{PastScan, RankedView, ScanState, Seen};
 use crate::{accumulate, overlap, stop, thin};
-use geometry::{BoundaryConfig, PointCloud, boundary_among, rng};
+use geometry::{BoundaryConfig, PointCloud, boundary_among, mean_spacing, rng};
 use nalgebra::Point3;
 use std::sync::{Arc, OnceLock};
 
@@ -44,6 +44,10 @@ pub enum SessionError {
     )]
     NoCurrentPosition,
 }
+
+/// Of the spacing that thinning adds, so much more does a point stand for: the widest holes between points that are thinned
+/// to a radius reach about as far.
+const THINNED: f64 = 0.9;
 
 /// The scans of one object so far, and the planners' memory of them.
 #[derive(Clone, Debug)]
@@ -106,6 +110,7 @@ impl Session {
         self.config = config;
         if merged_alike {
             self.state.working_distance = self.config.working_distance_m;
+            self.state.reach += self.config.tolerance_m - self.state.tolerance;
             self.state.tolerance = self.config.tolerance_m;
             self.state.camera = self.config.camera.camera();
         } else {
@@ -221,7 +226,9 @@ impl Session {
             return Err(PlanError::no_view(choice.planner.as_str(), why).into());
         }
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
+        let (low, high) = self.state.cloud.bounding_box();
         let known = Surroundings {
+            bounds: [low, high],
             points: &self.state.cloud.points,
             normals: &self.state.cloud.normals,
             spacing: self.state.grid_size,
@@ -260,13 +267,14 @@ impl Session {
             candidate.rank = rank;
         }
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
-        let stop = self.judge_stop(next.as_ref());
+        let stop = self.judge_stop(&candidates);
         Ok(Answer {
             stop,
             planner: choice.planner.as_str().to_owned(),
             planner_reason: choice.why,
             evidence: Evidence::of(&self.state),
             cloud: self.summary(boundary),
+            surface: self.planners.surface(choice.planner),
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
             warnings: self.warnings(next.as_ref(), &candidates),
             next,
@@ -274,11 +282,14 @@ impl Session {
         })
     }
 
-    fn judge_stop(&self, next: Option<&Candidate>) -> Stop {
-        let Some(next) = next else {
+    /// The most that any view that may be taken is expected to add, whatever its rank.
+    fn judge_stop(&self, candidates: &[Candidate]) -> Stop {
+        let allowed = || candidates.iter().filter(|c| c.objections.is_empty());
+        if allowed().next().is_none() {
             return Stop { expected_gain: 0.0, basis: "no view is left".to_owned(), stop: true };
-        };
-        let (expected_gain, basis) = stop::expected_gain(next.expected_gain, self.scans.len());
+        }
+        let most = allowed().filter_map(|c| c.expected_gain).max_by(f64::total_cmp);
+        let (expected_gain, basis) = stop::expected_gain(most, self.scans.len());
         Stop { expected_gain, basis: basis.to_owned(), stop: expected_gain < self.config.stop_below }
     }
 
@@ -355,26 +366,36 @@ impl Session {
     fn take_in(&mut self, index: usize) {
         let config = &self.config;
         let scans = &self.scans[..=index];
-        let grid_size = scans[0].spacing;
+        let first_spacing = scans[0].spacing;
         let (old, new) = (std::mem::take(&mut self.state.cloud), &scans[index].cloud);
         let cloud = match config.accumulate {
-            Accumulate::Thinned => thinned(scans, grid_size, config),
+            Accumulate::Thinned => thinned(scans, first_spacing, config),
             Accumulate::Averaged if new.is_empty() => old,
-            Accumulate::Averaged => accumulate::averaged(&old, new, grid_size, config.accumulate.voxel_origin()),
+            Accumulate::Averaged => accumulate::averaged(&old, new, first_spacing, config.accumulate.voxel_origin()),
             Accumulate::Matched => match &mut self.truth {
                 Some(truth) => {
                     if index == 0 {
-                        truth.reference = reference_surface(&truth.samples, grid_size, config.accumulate);
+                        truth.reference = reference_surface(&truth.samples, first_spacing, config.accumulate);
                     }
                     match new.is_empty() {
                         true => old,
-                        false => accumulate::matched(&old, new, &truth.reference, grid_size, config.tolerance_m),
+                        false => accumulate::matched(&old, new, &truth.reference, first_spacing, config.tolerance_m),
                     }
                 }
                 None => old,
             },
         };
+        let (grid_size, measured) = match config.accumulate {
+            Accumulate::Thinned if scans.len() > 1 => {
+                let measured = scans.iter().map(|s| s.measured_spacing).fold(f64::INFINITY, f64::min);
+                (mean_spacing(&cloud.points), measured)
+            }
+            Accumulate::Thinned => (first_spacing, scans[0].measured_spacing),
+            _ => (first_spacing, first_spacing),
+        };
+        let reach = config.tolerance_m + THINNED * (grid_size - measured).max(0.0);
         self.state = ScanState {
+            reach,
             cloud,
             scans: scans.iter().flat_map(|scan| scan.past.iter().cloned()).collect(),
             num_scans: scans.len(),

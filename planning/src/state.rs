@@ -66,12 +66,16 @@ pub struct ScanState {
     pub scans: Vec<Arc<PastScan>>,
     /// Number of scans in `cloud`, at least 1 (the network's view order is this minus one).
     pub num_scans: usize,
-    /// Voxel edge of the accumulated cloud, metres: the mean nearest-neighbour distance of the first scan.
+    /// Spacing of the accumulated cloud, metres: of one that is averaged the edge of its voxels, which is the mean
+    /// nearest-neighbour distance of the first scan; of one that is thinned that distance, as it is now.
     pub grid_size: f64,
     /// Distance from target to camera that the next view shall have, metres (method: 1.2).
     pub working_distance: f64,
     /// Distance under which two points count as the same surface, metres (method: 0.002).
     pub tolerance: f64,
+    /// Distance within which a point of the cloud stands for measured surface, metres: the tolerance, and more where the
+    /// cloud was thinned to be sparser than what was measured.
+    pub reach: f64,
     /// Camera that will take the next scan.
     pub camera: PinholeCamera,
     /// Neighbourhoods of the cloud's points, found when first asked for.

@@ -79,19 +79,56 @@ impl std::hash::Hasher for CellHash {
     }
 }
 
-/// The radius that thins a cloud to about `target` points, from a random sample: n points at random on an area
-/// A are sqrt(A / n) / 2 from their nearest neighbour on average, and about 0.65 A / r^2 points fit r apart when taken in random order.
-/// Exact duplicates in the sample are passed over. Target 0 keeps all.
+/// The radius that thins a cloud to about `target` points, within a tenth; 0 where there are no more, and for target 0.
+/// Searched for on at most eight times as many points, taken at random.
 pub fn radius_for(points: &[Point3<f64>], target: usize, seed: u64) -> f64 {
     if target == 0 || points.len() <= target {
         return 0.0;
     }
-    let mut rng = rng::stream(seed, "infer/thin");
-    let mut chosen = index::sample(&mut rng, points.len(), target).into_vec();
+    let some = sample(points, 8 * target, seed, "infer/thin");
+    // More points leave a few more room to fit.
+    let wanted = if some.len() < points.len() { target * 19 / 20 } else { target };
+    let (mut low, mut high) = (0.0, f64::INFINITY);
+    let mut radius = 0.8 * (some.len() as f64 / target as f64 - 1.0).sqrt() * 2.0 * mean_spacing(&some);
+    for _ in 0..SEARCHES {
+        if !(radius > 0.0 && radius.is_finite()) {
+            break;
+        }
+        let left = thin(&some, radius).len();
+        if left.abs_diff(wanted) * 33 <= wanted {
+            break;
+        }
+        if left > wanted {
+            low = radius
+        } else {
+            high = radius
+        }
+        // Of N points taken at random, N / (1 + (r / r0)^2) are left.
+        let odds = |n: usize| (some.len() as f64 / n.max(1) as f64 - 1.0).max(1e-9);
+        let next = radius * (odds(wanted) / odds(left)).sqrt();
+        radius = if next > low && next < high { next } else { 0.5 * (low + high.min(2.0 * radius)) };
+    }
+    radius
+}
+
+/// Radii tried at most.
+const SEARCHES: usize = 8;
+
+/// Mean distance of neighbours in the whole cloud, from at most `most` of its points at random: spread evenly over a
+/// surface, n of N points are sqrt(N / n) times farther apart.
+pub fn spacing_of_all(points: &[Point3<f64>], most: usize, seed: u64) -> f64 {
+    let some = sample(points, most, seed, "infer/spacing");
+    mean_spacing(&some) * (some.len() as f64 / points.len().max(1) as f64).sqrt()
+}
+
+/// At most this many of the points at random, in their order.
+pub fn sample(points: &[Point3<f64>], most: usize, seed: u64, stream: &str) -> Vec<Point3<f64>> {
+    if points.len() <= most {
+        return points.to_vec();
+    }
+    let mut chosen = index::sample(&mut rng::stream(seed, stream), points.len(), most).into_vec();
     chosen.sort_unstable();
-    let sample: Vec<Point3<f64>> = chosen.iter().map(|&i| points[i]).collect();
-    let sample: Vec<Point3<f64>> = thin(&sample, 0.0).iter().map(|&i| sample[i]).collect();
-    (2.6 * sample.len() as f64 / target as f64).sqrt() * mean_spacing(&sample)
+    chosen.into_iter().map(|i| points[i]).collect()
 }
 
 /// The points (and normals) at these indices.
@@ -121,11 +158,11 @@ mod tests {
     use super::*;
     use geometry::NeighborGrid;
     use nalgebra::{Isometry3, Vector3};
-    use rand::Rng;
+    use rand::RngExt;
 
     fn random_sphere(count: usize, seed: u64) -> Vec<Point3<f64>> {
         let mut rng = rng::stream(seed, "test/sphere");
-        let mut coordinate = || rng.gen_range(-1.0..1.0f64);
+        let mut coordinate = || rng.random_range(-1.0..1.0f64);
         (0..count)
             .map(|_| {
                 loop {
@@ -153,6 +190,20 @@ mod tests {
     }
 
     #[test]
+    fn about_as_many_points_stay_as_asked_for() {
+        for count in [1_001, 1_100, 2_000, 5_000, 30_000] {
+            let points = random_sphere(count, 3);
+            let kept = thin(&points, radius_for(&points, 1_000, 0)).len();
+            assert!((900..=1_100).contains(&kept), "{kept} of {count}");
+        }
+        // A lattice, where all neighbours are equally far: more than half of it goes at once.
+        let lattice: Vec<_> =
+            (0..10_201).map(|i| Point3::new(f64::from(i % 101), f64::from(i / 101), 0.0) * 0.001).collect();
+        let kept = thin(&lattice, radius_for(&lattice, 10_000, 0)).len();
+        assert!(kept >= 5_000, "{kept} of a lattice of 10,201");
+    }
+
+    #[test]
     fn thinning_moves_with_the_cloud_and_its_unit() {
         let points = random_sphere(3000, 2);
         let motion = Isometry3::new(Vector3::new(5.0, -3.0, 0.7), Vector3::new(0.3, 1.1, -0.4));
@@ -167,11 +218,11 @@ mod tests {
         let mut points = random_sphere(60_000, 3);
         for target in [500, 5_000, 10_000] {
             let count = thin(&points, radius_for(&points, target, 0)).len();
-            assert!((0.75..1.25).contains(&(count as f64 / target as f64)), "{count} for {target}");
+            assert!((0.87..1.13).contains(&(count as f64 / target as f64)), "{count} for {target}");
         }
         points.extend_from_within(..);
         let count = thin(&points, radius_for(&points, 5_000, 0)).len();
-        assert!((3_500..6_300).contains(&count), "every point twice: {count}");
+        assert!((4_500..5_500).contains(&count), "every point twice: {count}");
     }
 
     fn without_outliers(points: &[Point3<f64>], factor: f64) -> Vec<usize> {

@@ -14,7 +14,7 @@ use formats::{CloudPrecision, Fate, Manifest, ObjectRecord, Sample, ShardMetadat
 use geometry::{PointCloud, View, rng::stream};
 use nalgebra::{Point3, Vector3};
 use planning::CandidateView;
-use rand::Rng;
+use rand::RngExt;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -119,7 +119,7 @@ fn write_set(dir: &Path, samples: usize) -> Result<(), Box<dyn std::error::Error
 
 fn sample(object: &str, index: usize) -> Sample {
     let mut rng = stream(0, &format!("{object}/{index}"));
-    let mut unit = || Vector3::from_fn(|_, _| rng.r#gen::<f64>() - 0.5).normalize();
+    let mut unit = || Vector3::from_fn(|_, _| rng.random::<f64>() - 0.5).normalize();
     let normals: Vec<Vector3<f64>> = (0..5000).map(|_| unit()).collect();
     let points: Vec<Point3<f64>> = normals.iter().map(|n| (n * 0.1).into()).collect();
     let view = |i: usize| View { target: points[i], position: points[i] + 1.2 * normals[i] };

@@ -4,7 +4,8 @@
 use geometry::{PointCloud, View};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use planning::CandidateView;
-use rand::Rng;
+use rand::{Rng, RngExt};
+use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
 /// Large rotations, made before the small ones of [`AugmentConfig::rotation_deg`].
@@ -75,7 +76,7 @@ impl AugmentConfig {
     /// The cloud's diagonal for this sample, as a share of 0.2 m.
     pub fn draw_diagonal_fraction(&self, rng: &mut impl Rng) -> f64 {
         let [low, high] = self.diagonal_fraction;
-        low + (high - low) * rng.r#gen::<f64>()
+        low + (high - low) * rng.random::<f64>()
     }
 
     /// Changes a cloud, its candidates and the working distance alike. Draws the same amount of numbers for the
@@ -88,13 +89,13 @@ impl AugmentConfig {
         rng: &mut impl Rng,
     ) {
         let rotation = self.draw_rotation(rng);
-        let scale = 1.0 + self.scale * (2.0 * rng.r#gen::<f64>() - 1.0);
+        let scale = 1.0 + self.scale * (2.0 * rng.random::<f64>() - 1.0);
         if self.dropout > 0.0 {
-            drop_points(cloud, self.dropout * rng.r#gen::<f64>(), rng);
+            drop_points(cloud, self.dropout * rng.random::<f64>(), rng);
         }
         if self.noise_m > 0.0 {
             for p in &mut cloud.points {
-                p.coords += Vector3::new(gaussian(rng), gaussian(rng), gaussian(rng)) * self.noise_m;
+                p.coords += Vector3::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal)) * self.noise_m;
             }
         }
         let matrix = rotation.matrix();
@@ -112,12 +113,12 @@ impl AugmentConfig {
         let turn = match self.turn {
             Turn::None => Rotation3::identity(),
             Turn::Vertical => {
-                Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * rng.r#gen::<f64>())
+                Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * rng.random::<f64>())
             }
             Turn::Any => uniform_rotation(rng),
         };
         let limit = self.rotation_deg.to_radians();
-        let mut angle = || limit * (2.0 * rng.r#gen::<f64>() - 1.0);
+        let mut angle = || limit * (2.0 * rng.random::<f64>() - 1.0);
         let (x, y, z) = (angle(), angle(), angle());
         Rotation3::from_euler_angles(x, y, z) * turn
     }
@@ -125,13 +126,13 @@ impl AugmentConfig {
 
 /// Uniform over all rotations: a quaternion of four independent Gaussians.
 fn uniform_rotation(rng: &mut impl Rng) -> Rotation3<f64> {
-    let q = nalgebra::Quaternion::new(gaussian(rng), gaussian(rng), gaussian(rng), gaussian(rng));
+    let q = nalgebra::Quaternion::from(std::array::from_fn::<f64, 4, _>(|_| rng.sample(StandardNormal)));
     UnitQuaternion::try_new(q, 1e-12).unwrap_or_default().to_rotation_matrix()
 }
 
 /// Leaves out each point with probability `share`, but never all.
 fn drop_points(cloud: &mut PointCloud, share: f64, rng: &mut impl Rng) {
-    let keep: Vec<bool> = cloud.points.iter().map(|_| rng.r#gen::<f64>() >= share).collect();
+    let keep: Vec<bool> = cloud.points.iter().map(|_| rng.random::<f64>() >= share).collect();
     if !keep.contains(&true) {
         return;
     }
@@ -144,12 +145,6 @@ fn drop_points(cloud: &mut PointCloud, share: f64, rng: &mut impl Rng) {
     }
 }
 
-/// Standard normal (Box and Muller 1958).
-fn gaussian(rng: &mut impl Rng) -> f64 {
-    let radius = (-2.0 * (1.0 - rng.r#gen::<f64>()).ln()).sqrt();
-    radius * (std::f64::consts::TAU * rng.r#gen::<f64>()).cos()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,8 +153,9 @@ mod tests {
 
     fn decision() -> (PointCloud, Vec<CandidateView>, f64) {
         let mut rng = stream(3, "test/augment");
-        let points: Vec<Point3<f64>> =
-            (0..500).map(|_| Point3::new(gaussian(&mut rng), gaussian(&mut rng), gaussian(&mut rng)) * 0.05).collect();
+        let points: Vec<Point3<f64>> = (0..500)
+            .map(|_| Point3::from(Vector3::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal)) * 0.05))
+            .collect();
         let normals = points.iter().map(|p| p.coords.normalize()).collect();
         let candidates = points[..20]
             .iter()

@@ -120,12 +120,12 @@ mod tests {
 
     #[test]
     fn an_oracle_has_no_regret_and_a_random_choice_its_expectation() {
-        use rand::Rng;
+        use rand::RngExt;
         let mut rng = geometry::rng::stream(1, "test/metrics");
         let (mut oracle, mut random) = (Ranking::default(), Ranking::default());
         for _ in 0..4000 {
-            let truth: Vec<f32> = (0..20).map(|_| rng.r#gen()).collect();
-            let guess: Vec<f32> = (0..20).map(|_| rng.r#gen()).collect();
+            let truth: Vec<f32> = (0..20).map(|_| rng.random()).collect();
+            let guess: Vec<f32> = (0..20).map(|_| rng.random()).collect();
             oracle.add(&truth, &truth);
             random.add(&guess, &truth);
         }

@@ -14,7 +14,7 @@ use geometry::sampling::sample_surface;
 use model::encode::EncodeConfig;
 use model::pc_nbv::{PcNbvNet, PcNbvNetConfig, VIEWS, gain_loss, normalise, view_directions};
 use nalgebra::Point3;
-use rand::Rng;
+use rand::RngExt;
 use rayon::prelude::*;
 
 /// Samples in a validation batch.
@@ -77,7 +77,7 @@ fn object_states(
     let object = ObjectViews::scan(&scene, &surface, &views, &camera, &episode.render, config.tolerance_m)?;
     let mut states = Vec::new();
     for e in 0..config.starts {
-        let start = if e == 0 { rng.gen_range(0..set.len()) } else { set.len() + e - 1 };
+        let start = if e == 0 { rng.random_range(0..set.len()) } else { set.len() + e - 1 };
         let direction = views[start].direction();
         let along: Vec<f32> = set.iter().map(|v| v.direction().dot(&direction) as f32).collect();
         let nearest = argmax(&along);
@@ -118,7 +118,7 @@ impl<'a> PcNbvTask<'a> {
         let chosen: Vec<usize> = if cloud.len() >= n {
             rand::seq::index::sample(&mut rng, cloud.len(), n).into_vec()
         } else {
-            (0..cloud.len()).chain((cloud.len()..n).map(|_| rng.gen_range(0..cloud.len().max(1)))).collect()
+            (0..cloud.len()).chain((cloud.len()..n).map(|_| rng.random_range(0..cloud.len().max(1)))).collect()
         };
         let points: Vec<Point3<f64>> =
             chosen.iter().map(|&i| cloud.get(i).map_or(Point3::origin(), |p| Point3::from(p.map(f64::from)))).collect();

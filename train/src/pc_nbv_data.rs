@@ -6,8 +6,8 @@ use geometry::{NeighborGrid, PinholeCamera, View, mean_spacing};
 use nalgebra::Point3;
 use planning::Accumulate;
 use planning::accumulate::reference_surface;
-use rand::Rng;
-use rand::seq::SliceRandom;
+use rand::seq::IndexedRandom;
+use rand::{Rng, RngExt};
 
 /// What an object looks like from every view, and which surface points each scan covers.
 #[derive(Clone, Debug)]
@@ -104,7 +104,7 @@ pub fn episode_states(
         let gains = views.gains(&scans, set);
         let unused: Vec<usize> = (0..set).filter(|&v| !used[v]).collect();
         let greedy = crate::metrics::argmax(&gains);
-        let next = if rng.r#gen::<f64>() < explore { unused.choose(rng).copied().unwrap_or(greedy) } else { greedy };
+        let next = if rng.random::<f64>() < explore { unused.choose(rng).copied().unwrap_or(greedy) } else { greedy };
         states.push(GainSample { object, scans: scans.clone(), used: used.clone(), gains });
         used[next] = true;
         scans.push(next);

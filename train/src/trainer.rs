@@ -15,7 +15,7 @@ use burn::tensor::{Device, Tensor};
 use geometry::rng::stream;
 use model::checkpoint::Checkpoint;
 use model::published::Network;
-use rand::RngCore;
+use rand::Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;

@@ -4,7 +4,7 @@
 mod common;
 
 use geometry::rng::stream;
-use rand::Rng;
+use rand::RngExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -56,7 +56,7 @@ fn kill_9_at_any_moment_loses_no_checkpoint() {
         if ended {
             break;
         }
-        std::thread::sleep(Duration::from_micros(rng.gen_range(0..20_000)));
+        std::thread::sleep(Duration::from_micros(rng.random_range(0..20_000)));
         child.kill().expect("killed");
         child.wait().expect("reaped");
         kills += 1;

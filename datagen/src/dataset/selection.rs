@@ -2,7 +2,7 @@
 
 use super::{DatasetConfig, DatasetError, Found, Object, SplitChoice, file_name, stem};
 use formats::{FormatError, Split};
-use rand::RngCore;
+use rand::Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 

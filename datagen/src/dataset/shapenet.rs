@@ -1,7 +1,7 @@
 //! ShapeNetCore (Chang et al. 2015), versions 1 and 2. It comes unsplit: a fixed fifth, by name, is for testing.
 
 use super::{DatasetError, Found, SplitChoice, describe, entries, file_name};
-use rand::Rng;
+use rand::RngExt;
 use std::path::Path;
 
 pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
@@ -13,7 +13,7 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
             let category = file_name(&category);
             let name = format!("{category}/{}", file_name(&model));
             // Not of the run's seed: no object may change sides from one run to the next.
-            let test = geometry::rng::stream(0, &format!("shapenet/{name}")).gen_bool(0.2);
+            let test = geometry::rng::stream(0, &format!("shapenet/{name}")).random_bool(0.2);
             let half = Some(if test { SplitChoice::Test } else { SplitChoice::Train });
             found.push(Found { name, category, path, half });
         }

@@ -62,7 +62,7 @@ fn the_same_view_again_adds_nothing_and_overlaps_wholly() {
     let config = short(EpisodeConfig::default());
     let view = initial_view(&config, &mut {
         let mut rng = stream(3, "episode");
-        let _: u64 = rng.r#gen();
+        let _: u64 = rng.random();
         rng
     });
     let mut decisions = Vec::new();

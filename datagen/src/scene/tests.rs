@@ -1,7 +1,7 @@
 use super::*;
 use geometry::{View, rng};
 use nalgebra::Vector3;
-use rand::Rng;
+use rand::{Rng, RngExt};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -20,9 +20,9 @@ fn soup(triangles: usize, size: f64, name: &str) -> Mesh {
     let mut rng = rng::stream(1, name);
     let mut mesh = Mesh::default();
     for i in 0..triangles as u32 {
-        let center = Vector3::from_fn(|_, _| rng.gen_range(-0.1..0.1));
+        let center = Vector3::from_fn(|_, _| rng.random_range(-0.1..0.1));
         for _ in 0..3 {
-            mesh.vertices.push(Point3::from(center + Vector3::from_fn(|_, _| rng.gen_range(-size..size))));
+            mesh.vertices.push(Point3::from(center + Vector3::from_fn(|_, _| rng.random_range(-size..size))));
         }
         mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
     }
@@ -30,8 +30,8 @@ fn soup(triangles: usize, size: f64, name: &str) -> Mesh {
 }
 
 fn random_view(rng: &mut impl Rng, distance: f64) -> View {
-    let direction = Vector3::from_fn(|_, _| rng.gen_range(-1.0..1.0f64)).normalize();
-    let target = Point3::from(Vector3::from_fn(|_, _| rng.gen_range(-0.05..0.05)));
+    let direction = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0f64)).normalize();
+    let target = Point3::from(Vector3::from_fn(|_, _| rng.random_range(-0.05..0.05)));
     View { target, position: target + direction * distance }
 }
 

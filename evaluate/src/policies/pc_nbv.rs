@@ -7,7 +7,7 @@ use model::pc_nbv_model::PcNbvModel;
 use nalgebra::{Point3, Vector3};
 use planning::planner::checked;
 use planning::{PlanError, Planner, RankedView, ScanState};
-use rand::seq::SliceRandom;
+use rand::seq::IndexedRandom;
 use rand_chacha::ChaCha8Rng;
 
 /// PC-NBV as a policy.
@@ -37,7 +37,7 @@ impl PcNbvPlanner {
         let wanted = self.network.checkpoint().network.points;
         match points.len() {
             n if self.published || n == wanted => points.clone(),
-            n if n > wanted => points.choose_multiple(rng, wanted).copied().collect(),
+            n if n > wanted => points.sample(rng, wanted).copied().collect(),
             0 => Vec::new(),
             // Fewer are repeated at random.
             n => (0..wanted).filter_map(|i| if i < n { points.get(i) } else { points.choose(rng) }).copied().collect(),

@@ -3,7 +3,7 @@
 use super::ranked;
 use super::sphere::{direction_deg, view_at};
 use planning::{PlanError, Planner, RankedView, ScanState};
-use rand::Rng;
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// Draws offered per decision, so that constraints may pass over some.
@@ -31,7 +31,7 @@ impl Planner for RandomSpherePlanner {
         let radius = self.radius.metres(state);
         let views = (0..DRAWS)
             .map(|_| {
-                let (polar, azimuth) = (rng.gen_range(0..180), rng.gen_range(0..360));
+                let (polar, azimuth) = (rng.random_range(0..180), rng.random_range(0..360));
                 ranked(view_at(&direction_deg(f64::from(polar), f64::from(azimuth)), radius), 0.0)
             })
             .collect();

@@ -3,12 +3,12 @@
 use super::*;
 use crate::rng::stream;
 use proptest::prelude::*;
-use rand::Rng;
+use rand::RngExt;
 
 fn random_points(n: usize, seed: u64) -> Vec<Point3<f64>> {
     let mut rng = stream(seed, "neighbors");
     // A coarse lattice, so that ties and duplicates occur.
-    (0..n).map(|_| Point3::from([0; 3].map(|_| f64::from(rng.gen_range(-20..20i32)) * 0.004))).collect()
+    (0..n).map(|_| Point3::from([0; 3].map(|_| f64::from(rng.random_range(-20..20i32)) * 0.004))).collect()
 }
 
 /// All keys by brute force, in the arithmetic of the grid.
@@ -111,7 +111,7 @@ fn kept_neighborhoods_equal_those_found_anew() {
             // A small scan in a corner: appended, or in between.
             0 | 1 => {
                 for p in random_points(20, 100 + step) {
-                    let at = if step % 6 == 0 { points.len() } else { rng.gen_range(0..=points.len()) };
+                    let at = if step % 6 == 0 { points.len() } else { rng.random_range(0..=points.len()) };
                     points.insert(at, Point3::from(0.2 * p.coords.add_scalar(0.3)));
                 }
             }

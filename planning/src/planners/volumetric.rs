@@ -41,7 +41,8 @@ pub struct VolumetricConfig {
     pub candidates: CandidateConfig,
     /// Score by the expected gain alone, whatever the overlap. Off by default.
     pub gain_only: bool,
-    /// Estimated coverage at which gain and overlap weigh the same (0.8): the estimate is high early, by 0.1 to 0.2.
+    /// Known surface over known and 0.41 of expected surface at which gain and overlap weigh the same (0.8: 62 % of the
+    /// whole are known).
     pub weight_center: f64,
     /// Added to the score per half turn between a view and the nearest past one (0.08): late, when little is expected
     /// anywhere, what is still missing is rather seen from where no camera has been.
@@ -74,8 +75,10 @@ impl Default for VolumetricConfig {
     }
 }
 
-/// Cells between what a scan measured and what is taken for its background.
-const MARGIN: usize = 1;
+/// Weight of the gain in the score.
+const GAIN: f64 = 1.3;
+/// Weight of the expected surface in the coverage that the score goes by: gain and overlap change places early.
+const FINISHED: f64 = 0.41;
 /// Share of the cloud in a scan's background from which on it is none.
 const CONTRADICTED: f64 = 0.02;
 
@@ -99,15 +102,20 @@ impl Carved {
 pub struct ViewForecast {
     /// The view.
     pub view: View,
-    /// New surface, as a share of the expected whole: what the score counts.
+    /// What the score counts, as a share of the whole: the expected surface that its points would cover within the
+    /// tolerance, and half of what pixels see that enter unknown space without meeting any.
     pub gain: f64,
-    /// The gain to tell: the surface expected in unknown space, at most what is missing.
+    /// The gain to tell: the expected surface in its image as a share of the whole, at most what is missing.
     pub told_gain: f64,
     /// Overlap of its scan with the cloud; `None` where nothing is expected to be seen.
     pub overlap: Option<f64>,
     /// Angle at the target between the view and the nearest past camera, in half turns.
     pub novelty: f64,
-    /// Pixels by what they show, as shares of the expected whole: those that enter unknown space before they meet
+    /// Measured surface in its image, square metres.
+    pub known_m2: f64,
+    /// Surface expected in unknown space in its image, square metres.
+    pub expected_m2: f64,
+    /// Pixels by what they show, as shares of all that show something: those that enter unknown space before they meet
     /// surface, those of them that meet the membrane, those that meet surface from its front, the same behind unknown
     /// space, and the covered share of both.
     pub pixels: [f64; 5],
@@ -118,8 +126,24 @@ pub struct ViewForecast {
 pub struct Forecasts {
     /// The candidates, in their order.
     pub views: Vec<ViewForecast>,
-    /// Share of the whole surface that is measured.
-    pub covered: f64,
+    /// The whole surface.
+    pub surface: Surface,
+}
+
+/// The surface as far as it is known, and as far as it is expected where nothing is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Surface {
+    /// Measured, square metres.
+    pub known_m2: f64,
+    /// Expected in unknown space, square metres: a membrane closes what is open.
+    pub expected_m2: f64,
+}
+
+impl Surface {
+    /// Share of the whole that is measured.
+    pub fn covered(&self) -> f64 {
+        self.known_m2 / (self.known_m2 + self.expected_m2).max(f64::MIN_POSITIVE)
+    }
 }
 
 /// The policy `volumetric`. It needs past scans with camera poses, and has no view to offer where there is none.
@@ -128,7 +152,7 @@ pub struct VolumetricPlanner {
     config: VolumetricConfig,
     grid: Option<VoxelGrid>,
     carved: Vec<Carved>,
-    coverage: f64,
+    surface: Surface,
 }
 
 impl VolumetricPlanner {
@@ -142,9 +166,9 @@ impl VolumetricPlanner {
         &self.config
     }
 
-    /// Share of the whole surface that was estimated to be measured at the last decision.
-    pub fn coverage(&self) -> f64 {
-        self.coverage
+    /// The surface as it was estimated at the last decision.
+    pub fn surface(&self) -> Surface {
+        self.surface
     }
 
     /// Memory held, bytes.
@@ -200,7 +224,7 @@ impl VolumetricPlanner {
     /// The outline of a scan whose misses do not tell background.
     fn silhouette(&self, scan: &PastScan, voxel: f64) -> Option<Silhouette> {
         let told = matches!(&scan.seen, Seen::Depth { misses: Misses::Free, .. });
-        (self.config.presume_background && !told).then(|| Silhouette::of(scan, voxel, MARGIN)).flatten()
+        (self.config.presume_background && !told).then(|| Silhouette::of(scan, voxel)).flatten()
     }
 
     /// No longer trusts the outline of scans in whose background there is surface; whether there was such a scan.
@@ -209,7 +233,7 @@ impl VolumetricPlanner {
         let mut any = false;
         for carved in &mut self.carved {
             let Some(silhouette) = carved.background() else { continue };
-            if points.iter().filter(|p| silhouette.is_background(p)).count() > most {
+            if points.iter().filter(|p| silhouette.is_deep_background(p)).count() > most {
                 carved.trusted = false;
                 any = true;
             }
@@ -227,27 +251,32 @@ impl VolumetricPlanner {
         let candidates = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
         let mut grid = self.carved_grid(state);
         grid.set_cloud(cloud);
-        grid.estimate_covered(cloud, &near, state.tolerance);
-        let per_voxel = (grid.voxel / state.grid_size.max(f64::MIN_POSITIVE)).powi(2);
-        let total = cloud.len() as f64 + 0.8 * grid.relax() as f64 * per_voxel;
-        let covered = cloud.len() as f64 / total;
-        self.coverage = covered;
+        let known_m2 = grid.estimate_covered(cloud, &near, state.reach);
+        grid.relax();
+        let surface = Surface { known_m2, expected_m2: grid.expected_area() };
+        let total = (surface.known_m2 + surface.expected_m2).max(f64::MIN_POSITIVE);
+        let missing = surface.expected_m2 / total;
+        self.surface = surface;
         let told = |c: &Carved| matches!(&c.scan.seen, Seen::Depth { misses: Misses::Free, .. });
         let carves = self.carved.iter().all(|c| told(c) || c.background().is_some());
         let trust = predict::trust(grid.voxel, state.tolerance);
         let marcher = Marcher::new(&grid, carves);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
         let look = |c: &CandidateView| {
-            let seen = marcher.forecast(&state.camera, &c.view, stride);
-            // Hidden pixels bound the gain from above; they mean nothing where misses do not carve.
-            let new = if carves { (seen.hidden + seen.expected) / 2.0 } else { seen.expected };
+            let seen = marcher.forecast(&state.camera, &c.view, stride, state.tolerance);
+            let area = seen.area;
+            // What lies beyond bounds the gain from above; it means nothing where misses do not carve.
+            let new = area.covered + if carves { 0.5 * area.beyond } else { 0.0 };
+            let all = (seen.hidden + seen.known).max(1.0);
             ViewForecast {
                 view: c.view,
                 gain: new / total,
-                told_gain: (seen.expected / total).min(1.0 - covered),
+                told_gain: (area.expected / total).min(missing),
                 overlap: seen.overlap(trust),
                 novelty: novelty(&c.view, &state.scans),
-                pixels: [seen.hidden, seen.expected, seen.known, seen.known_behind, seen.covered].map(|n| n / total),
+                known_m2: area.known,
+                expected_m2: area.expected,
+                pixels: [seen.hidden, seen.expected, seen.known, seen.known_behind, seen.covered].map(|n| n / all),
             }
         };
         // Episodes side by side, on threads of rayon's, fill the cores already.
@@ -256,16 +285,20 @@ impl VolumetricPlanner {
             None => candidates.par_iter().map(look).collect(),
         };
         self.grid = Some(grid);
-        Forecasts { views, covered }
+        Forecasts { views, surface }
     }
 
     /// The views by BENBV's score of their forecasts, best first.
     pub fn rank(&self, forecasts: &Forecasts) -> Vec<RankedView> {
-        let covered = forecasts.covered;
-        let weight = 1.0 / (1.0 + (-10.0 * (covered - self.config.weight_center)).exp());
+        let Surface { known_m2, expected_m2 } = forecasts.surface;
+        let finished = known_m2 / (known_m2 + FINISHED * expected_m2).max(f64::MIN_POSITIVE);
+        let weight = 1.0 / (1.0 + (-10.0 * (finished - self.config.weight_center)).exp());
+        // What lies beyond may be more than the whole early: a share of the most then, so that no score exceeds 1.
+        let most = forecasts.views.iter().map(|f| GAIN * f.gain).fold(1.0, f64::max);
         let score = |f: &ViewForecast| {
             let reward = f.overlap.map_or(0.0, overlap_response);
-            weight * (covered + f.gain) + (1.0 - weight) * reward + self.config.novelty * f.novelty
+            let now = weight * GAIN * f.gain / most + (1.0 - weight) * reward;
+            (now + self.config.novelty * f.novelty) / (1.0 + self.config.novelty)
         };
         let ranked = |f: &ViewForecast| {
             let score = if self.config.gain_only { f.gain } else { score(f) };

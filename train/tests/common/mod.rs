@@ -6,7 +6,7 @@ use geometry::rng::stream;
 use geometry::{PointCloud, View};
 use nalgebra::{Point3, Vector3};
 use planning::CandidateView;
-use rand::Rng;
+use rand::RngExt;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use train::augment::AugmentConfig;
@@ -22,7 +22,7 @@ pub fn one_at_a_time() -> MutexGuard<'static, ()> {
 pub fn sample(object: &str, decision: usize, candidates: usize) -> Sample {
     let mut rng = stream(7, &format!("{object}/{decision}"));
     let mut unit = || {
-        let v = Vector3::from_fn(|_, _| rng.r#gen::<f64>() - 0.5);
+        let v = Vector3::from_fn(|_, _| rng.random::<f64>() - 0.5);
         v.try_normalize(1e-6).unwrap_or_else(Vector3::x)
     };
     let axes = Vector3::new(0.05, 0.07, 0.09);

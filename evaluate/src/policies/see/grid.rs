@@ -107,13 +107,13 @@ impl PointGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::Rng;
+    use rand::RngExt;
 
     #[test]
     fn equals_brute_force() {
         let mut rng = geometry::rng::stream(1, "grid");
         let points: Vec<_> =
-            (0..500).map(|_| Point3::new(rng.r#gen::<f64>(), rng.r#gen(), rng.r#gen::<f64>() * 0.1) * 0.2).collect();
+            (0..500).map(|_| Point3::new(rng.random::<f64>(), rng.random(), rng.random::<f64>() * 0.1) * 0.2).collect();
         let mut grid = PointGrid::new(0.01);
         for (i, p) in points.iter().enumerate() {
             grid.insert(i as u32, *p);

@@ -124,12 +124,12 @@ fn affine_minimizer(points: &[Vector3<f64>], active: &[usize]) -> Option<Vec<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::Rng;
+    use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
 
     fn unit(rng: &mut ChaCha8Rng) -> Vector3<f64> {
         loop {
-            let v = Vector3::from_fn(|_, _| rng.gen_range(-1.0..1.0f64));
+            let v = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0f64));
             if (0.1..1.0).contains(&v.norm()) {
                 return v.normalize();
             }
@@ -149,9 +149,9 @@ mod tests {
             .collect();
         for case in 0..1000 {
             let axis = unit(&mut rng);
-            let spread = rng.gen_range(0.1..0.8);
+            let spread = rng.random_range(0.1..0.8);
             let occluders: Vec<_> =
-                (0..rng.gen_range(1..30)).map(|_| (axis + spread * unit(&mut rng)).normalize()).collect();
+                (0..rng.random_range(1..30)).map(|_| (axis + spread * unit(&mut rng)).normalize()).collect();
             let u = clearest_direction(&occluders, &axis).expect("the origin is outside the hull");
             let found = worst(&occluders, &u);
             let brute = sphere.iter().map(|s| worst(&occluders, s)).fold(f64::INFINITY, f64::min);

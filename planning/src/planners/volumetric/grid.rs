@@ -36,12 +36,36 @@ pub(super) struct VoxelGrid {
     /// [`FREE`], [`HOLLOW`], [`SOLID`] or [`SURFACE`].
     pub(super) code: Vec<u8>,
     pub(super) membrane: Membrane,
-    /// Place of a surface voxel in `surface`.
-    slot: Vec<u32>,
+    /// Place of a surface voxel in `surface`, of a solid one in `expected` where the membrane passes.
+    pub(super) slot: Vec<u32>,
     /// Voxels never seen, rising.
     pub(super) unknown: Vec<u32>,
     /// Surface voxels, as they came.
     pub(super) surface: Vec<SurfaceVoxel>,
+    /// Where the membrane passes.
+    pub(super) expected: Vec<ExpectedVoxel>,
+}
+
+/// A voxel through which the membrane passes: solid, beside empty space.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ExpectedVoxel {
+    pub(super) index: u32,
+    /// Of unit length, towards the empty side; zero where the membrane does not tell.
+    pub(super) normal: [f32; 3],
+}
+
+impl ExpectedVoxel {
+    pub(super) fn new(index: u32, outward: [f32; 3]) -> Self {
+        let length = outward.iter().map(|x| x * x).sum::<f32>().sqrt();
+        Self { index, normal: if length > 1e-4 { outward.map(|x| x / length) } else { [0.0; 3] } }
+    }
+
+    /// Area of the membrane in it, squares of a voxel: one voxel is passed in each column along the largest component of
+    /// the normal.
+    pub(super) fn area(&self) -> f64 {
+        let most = self.normal.iter().fold(0f32, |m, x| m.max(x.abs()));
+        if most > 0.0 { f64::from(most).recip() } else { 1.0 }
+    }
 }
 
 /// What is known of a surface voxel.
@@ -71,6 +95,7 @@ impl VoxelGrid {
             slot: vec![u32::MAX; n],
             unknown: Vec::with_capacity(inner.pow(3)),
             surface: Vec::new(),
+            expected: Vec::new(),
         };
         for z in 1..=inner {
             for y in 1..=inner {
@@ -84,7 +109,10 @@ impl VoxelGrid {
 
     /// Bytes held.
     pub(super) fn memory(&self) -> usize {
-        9 * self.code.len() + 4 * self.unknown.capacity() + size_of::<SurfaceVoxel>() * self.surface.capacity()
+        9 * self.code.len()
+            + 4 * self.unknown.capacity()
+            + size_of::<SurfaceVoxel>() * self.surface.capacity()
+            + size_of::<ExpectedVoxel>() * self.expected.capacity()
     }
 
     /// A point in voxel coordinates: voxel (x, y, z) reaches from there to one more.
@@ -126,6 +154,11 @@ impl VoxelGrid {
     /// What a surface voxel holds; `None` in other voxels.
     pub(super) fn surface_at(&self, index: usize) -> Option<&SurfaceVoxel> {
         self.surface.get(self.slot[index] as usize)
+    }
+
+    /// Area of the membrane, square metres.
+    pub(super) fn expected_area(&self) -> f64 {
+        self.voxel * self.voxel * self.expected.iter().map(ExpectedVoxel::area).sum::<f64>()
     }
 
     /// Takes in what a scan saw: free space along its rays, surface at their ends.
@@ -255,6 +288,7 @@ impl VoxelGrid {
                 && self.code[i] == HOLLOW
             {
                 self.code[i] = SOLID;
+                self.slot[i] = u32::MAX;
                 self.membrane.set(i, 1.0);
             }
         }

@@ -1,6 +1,6 @@
 //! Rays through the voxels, in steps that leap over what cannot stop them.
 
-use super::grid::{BLOCK, FREE, HOLLOW, SOLID, VoxelGrid};
+use super::grid::{BLOCK, FREE, HOLLOW, SOLID, SurfaceVoxel, VoxelGrid};
 
 /// Steps of the rays in voxels.
 const STEP: f32 = 0.75;
@@ -12,15 +12,15 @@ const ONE: f32 = (1 << ONE_BITS) as f32;
 /// Blocks farther than this from what may stop a ray count as this far.
 const FARTHEST: u8 = 12;
 
-/// What a ray meets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Hit {
-    /// Free or empty space, or surface from behind.
-    Nothing { hidden: bool },
-    /// The membrane, in unknown space.
-    Expected,
-    /// Surface from its front, and the covered share there.
-    Known { hidden: bool, covered: f32 },
+/// What a ray meets, and how many voxels from the eye.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Hit<'a> {
+    /// Free or empty space, or surface from behind; where it entered unknown space, if it did.
+    Nothing { entered: Option<f32> },
+    /// The membrane, in unknown space, in this voxel.
+    Expected { index: usize, at: f32 },
+    /// Surface from its front, with the cosine of the angle at which it is met.
+    Known { hidden: bool, voxel: &'a SurfaceVoxel, cosine: f32, at: f32 },
 }
 
 /// A grid with cells that know how far they are from what may stop a ray.
@@ -67,7 +67,7 @@ impl<'a> Marcher<'a> {
     }
 
     /// Follows a ray of unit direction from `near` to `far` (voxels from the eye).
-    pub(super) fn follow(&self, eye: &[f32; 3], ray: &[f32; 3], near: f32, far: f32) -> Hit {
+    pub(super) fn follow(&self, eye: &[f32; 3], ray: &[f32; 3], near: f32, far: f32) -> Hit<'a> {
         let grid = self.grid;
         let side = grid.side;
         // All rays of a view step at the same distances; from the first on in fixed point.
@@ -75,8 +75,10 @@ impl<'a> Marcher<'a> {
         let mut left = (far / STEP) as i32 - first;
         let mut at = [0, 1, 2].map(|k| ((eye[k] + ray[k] * (first as f32 * STEP)) * ONE) as i32);
         let step = ray.map(|r| (r * (STEP * ONE)) as i32);
-        let mut hidden = !self.carves;
-        let mut leaps = &self.leaps[usize::from(hidden)];
+        let all = first + left;
+        let at_step = |left: i32| (all - left) as f32 * STEP;
+        let mut entered = (!self.carves).then(|| at_step(left));
+        let mut leaps = &self.leaps[usize::from(!self.carves)];
         while left >= 0 {
             let [x, y, z] = at.map(|a| (a >> ONE_BITS) as u32 as usize);
             let leap = if x.max(y).max(z) < side {
@@ -85,13 +87,18 @@ impl<'a> Marcher<'a> {
                     let i = (z * side + y) * side + x;
                     match grid.code[i] {
                         FREE => {}
-                        HOLLOW => (hidden, leaps) = (true, &self.leaps[1]),
-                        SOLID => return Hit::Expected,
+                        HOLLOW => {
+                            entered = entered.or(Some(at_step(left)));
+                            leaps = &self.leaps[1];
+                        }
+                        SOLID => return Hit::Expected { index: i, at: at_step(left) },
                         _ => {
-                            let Some(s) = grid.surface_at(i) else { break };
-                            let facing = s.normal[0] * ray[0] + s.normal[1] * ray[1] + s.normal[2] * ray[2] < 0.0;
-                            if facing {
-                                return Hit::Known { hidden, covered: s.covered };
+                            let Some(voxel) = grid.surface_at(i) else { break };
+                            let n = &voxel.normal;
+                            let facing = n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2];
+                            if facing < 0.0 {
+                                let cosine = -facing / (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+                                return Hit::Known { hidden: entered.is_some(), voxel, cosine, at: at_step(left) };
                             }
                             break;
                         }
@@ -104,7 +111,7 @@ impl<'a> Marcher<'a> {
             left -= leap;
             at = [0, 1, 2].map(|k| at[k].wrapping_add(step[k] * leap));
         }
-        Hit::Nothing { hidden }
+        Hit::Nothing { entered }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The membrane that closes the surface in the unknown: Laplace's equation, with the outside 0, the surface 0.5 and
 //! the inside 1.
 
-use super::grid::{FREE, HOLLOW, SOLID, VoxelGrid};
+use super::grid::{ExpectedVoxel, FREE, HOLLOW, SOLID, VoxelGrid};
 
 /// Sweeps per decision at most, and the over-relaxation.
 const SWEEPS: usize = 40;
@@ -45,7 +45,6 @@ impl Membrane {
         self.chi[color][i / 2] = value;
     }
 
-    #[cfg(test)]
     pub(super) fn get(&self, i: usize) -> f32 {
         self.chi[self.color(i)][i / 2]
     }
@@ -107,8 +106,8 @@ fn by_color<T>([even, odd]: &mut [T; 2], color: usize) -> (&mut T, &T) {
 }
 
 impl VoxelGrid {
-    /// Relaxes the membrane from where it was, and tells hollow from solid. Returns how many voxels it passes through.
-    pub(super) fn relax(&mut self) -> usize {
+    /// Relaxes the membrane from where it was, tells hollow from solid, and finds where it passes.
+    pub(super) fn relax(&mut self) {
         let runs = self.hollow_runs();
         // Anything may have changed since the last time.
         let mut moved = [0, 1].map(|_| vec![1.0; self.side * self.side]);
@@ -124,11 +123,21 @@ impl VoxelGrid {
         }
         for &i in &solid {
             self.code[i] = SOLID;
+            self.slot[i] = u32::MAX;
         }
         let s = self.side;
+        let around = |i: usize| [i - 1, i + 1, i - s, i + s, i - s * s, i + s * s];
         let outside = |j: usize| matches!(self.code[j], FREE | HOLLOW);
-        let passes = |&&i: &&usize| [i - 1, i + 1, i - s, i + s, i - s * s, i + s * s].into_iter().any(outside);
-        solid.iter().filter(passes).count()
+        let passes = |&i: &usize| around(i).into_iter().any(outside);
+        let chi = |j: usize| self.membrane.get(j);
+        let expected = solid.into_iter().filter(passes).map(|i| {
+            let [x0, x1, y0, y1, z0, z1] = around(i).map(chi);
+            ExpectedVoxel::new(i as u32, [x0 - x1, y0 - y1, z0 - z1])
+        });
+        self.expected = expected.collect();
+        for (k, e) in self.expected.iter().enumerate() {
+            self.slot[e.index as usize] = k as u32;
+        }
     }
 
     /// The hollow voxels by color.

@@ -10,8 +10,10 @@ use nalgebra::Vector3;
 impl VoxelGrid {
     /// Estimates which share of the surface in each surface voxel the cloud covers within the tolerance: from samples
     /// in the tangent plane around each point of the cloud, each weighing one over the number of points that could
-    /// have drawn it, so that dense parts count no more than sparse ones. `near` are the neighbours of its points.
-    pub(super) fn estimate_covered(&mut self, cloud: &PointCloud, near: &Neighborhoods, tolerance: f64) {
+    /// have drawn it, so that dense parts count no more than sparse ones. `near` are the neighbours of its points. Returns
+    /// the area of the measured surface, square metres: the union of the discs that are sampled.
+    pub(super) fn estimate_covered(&mut self, cloud: &PointCloud, near: &Neighborhoods, tolerance: f64) -> f64 {
+        let mut area = 0f32;
         let [least, tolerance] = [1.1 * tolerance, tolerance].map(|x| (x / self.voxel) as f32);
         let to_voxels2 = (self.voxel * self.voxel).recip() as f32;
         let mut sums = vec![[0f32; 2]; self.surface.len()];
@@ -35,14 +37,17 @@ impl VoxelGrid {
                 let r = radius * ((k as f32 + 0.5) / SAMPLES as f32).sqrt();
                 let (sin, cos) = (GOLDEN_ANGLE * (SAMPLES * (i % 64) + k) as f32).sin_cos();
                 let o = [0, 1, 2].map(|k| r * (a[k] * cos + b[k] * sin));
-                let Some(slot) = self.slot_at(&[0, 1, 2].map(|k| p[k] + o[k])) else { continue };
                 let (mut drawn, mut covered) = (0u32, false);
                 for d in &around {
                     let d2 = (d[0] - o[0]).powi(2) + (d[1] - o[1]).powi(2) + (d[2] - o[2]).powi(2);
                     drawn += u32::from(d2 < radius * radius);
                     covered |= d2 < tolerance * tolerance;
                 }
-                let weight = 1.0 / drawn.max(1) as f32;
+                // Neighbours that do not reach as far as the disc are as dense beyond.
+                let beyond = if known < 2.0 * radius { close as f32 * (radius / known).powi(2) } else { 0.0 };
+                let weight = 1.0 / (drawn.max(1) as f32).max(beyond);
+                area += weight * radius * radius;
+                let Some(slot) = self.slot_at(&[0, 1, 2].map(|k| p[k] + o[k])) else { continue };
                 sums[slot][0] += weight;
                 sums[slot][1] += if covered { weight } else { 0.0 };
             }
@@ -50,6 +55,7 @@ impl VoxelGrid {
         for (s, [all, covered]) in self.surface.iter_mut().zip(sums) {
             s.covered = if all == 0.0 { 1.0 } else { covered / all };
         }
+        f64::from(area) * std::f64::consts::PI / f64::from(SAMPLES as u32) * self.voxel * self.voxel
     }
 }
 
@@ -60,19 +66,53 @@ const SAMPLED: f32 = 0.7;
 /// Radians.
 const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
-/// Pixels that a view expects, by what they show.
+/// What a view expects to see.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Forecast {
-    /// Rays that enter unknown space before they meet surface.
+    /// Pixels that enter unknown space before they meet surface.
     pub(super) hidden: f64,
     /// Those of them that meet the membrane there.
     pub(super) expected: f64,
-    /// Rays that meet surface seen from its front.
+    /// Pixels that meet surface seen from its front.
     pub(super) known: f64,
     /// The same behind unknown space.
     pub(super) known_behind: f64,
     /// Covered share of both.
     pub(super) covered: f64,
+    /// The same in square metres.
+    pub(super) area: Area,
+}
+
+/// What a view expects to see, square metres.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Area {
+    /// Measured surface.
+    pub(super) known: f64,
+    /// The membrane.
+    pub(super) expected: f64,
+    /// The part of the membrane that its points would cover within the tolerance.
+    pub(super) covered: f64,
+    /// Across the pixels that enter unknown space and do not meet the membrane there.
+    pub(super) beyond: f64,
+}
+
+impl Area {
+    fn scaled(self, by: f64) -> Self {
+        let Self { known, expected, covered, beyond } = self;
+        Self { known: by * known, expected: by * expected, covered: by * covered, beyond: by * beyond }
+    }
+}
+
+/// Surface is not taken to be seen under a smaller cosine: no sensor sees it so well.
+const GRAZING: f32 = 0.1;
+
+/// Share of a surface within `tolerance` of points that are `pitch` apart one way and `pitch / cosine` the other.
+pub(super) fn covered_share(pitch: f32, cosine: f32, tolerance: f32) -> f32 {
+    // The part of a disc that is nearer to its own point than to the next in the row.
+    let half = (0.5 * pitch).min(tolerance);
+    let own =
+        2.0 * (half * (tolerance * tolerance - half * half).sqrt() + tolerance * tolerance * (half / tolerance).asin());
+    (own * cosine / (pitch * pitch)).min(1.0)
 }
 
 impl Forecast {
@@ -98,8 +138,9 @@ pub(super) fn bounded_stride(stride: u32, tiles: u32) -> u32 {
 }
 
 impl Marcher<'_> {
-    /// Follows every `stride`-th pixel of every `stride`-th row of a view.
-    pub(super) fn forecast(&self, camera: &PinholeCamera, view: &View, stride: u32) -> Forecast {
+    /// Follows every `stride`-th pixel of every `stride`-th row of a view; a point covers the surface within `tolerance`,
+    /// metres.
+    pub(super) fn forecast(&self, camera: &PinholeCamera, view: &View, stride: u32, tolerance: f64) -> Forecast {
         if !view.is_valid() {
             return Forecast::default();
         }
@@ -108,30 +149,58 @@ impl Marcher<'_> {
         let tiles = Tiles::new(camera, &eye, &rotation, self.occupied());
         let stride = bounded_stride(stride, tiles.spans().count() as u32);
         let [across, down] = [rotation.column(0) / camera.fx as f32, rotation.column(1) / camera.fy as f32];
-        let (mut counts, mut covered) = ([0u32; 4], 0f32);
+        // In voxels.
+        let pitch = (camera.fx * camera.fy).sqrt().recip() as f32;
+        let tolerance = (tolerance / self.grid().voxel) as f32;
+        let (mut counts, mut covered, mut area) = ([0u32; 4], 0f32, Area::default());
         for tile in tiles.spans() {
             for row in (tile.row..(tile.row + TILE).min(camera.height)).step_by(stride as usize) {
                 let base = rotation.column(2) + down * (row as f32 - camera.cy as f32);
                 for column in (tile.column..(tile.column + TILE).min(camera.width)).step_by(stride as usize) {
                     let ray = base + across * (column as f32 - camera.cx as f32);
-                    let ray = ray / ray.norm();
+                    let off_axis = ray.norm().recip();
+                    let ray = ray * off_axis;
+                    // Area across the ray that a pixel sees at this distance.
+                    let across = |at: f32| f64::from((at * pitch).powi(2) * off_axis.powi(3));
                     match self.follow(&eye, &ray.into(), tile.near, tile.far) {
-                        Hit::Nothing { hidden } => counts[0] += u32::from(hidden),
-                        Hit::Expected => {
+                        Hit::Nothing { entered: None } => {}
+                        Hit::Nothing { entered: Some(at) } => {
+                            counts[0] += 1;
+                            area.beyond += across(at);
+                        }
+                        Hit::Expected { index, at } => {
                             counts[0] += 1;
                             counts[1] += 1;
+                            let cosine = self.expected_cosine(index, &ray.into());
+                            let seen = across(at) / f64::from(cosine);
+                            area.expected += seen;
+                            area.covered += seen * f64::from(covered_share(at * off_axis * pitch, cosine, tolerance));
                         }
-                        Hit::Known { hidden, covered: share } => {
+                        Hit::Known { hidden, voxel, cosine, at } => {
                             counts[0] += u32::from(hidden);
                             counts[if hidden { 3 } else { 2 }] += 1;
-                            covered += share;
+                            covered += voxel.covered;
+                            area.known += across(at) / f64::from(cosine.max(GRAZING));
+                            area.beyond += if hidden { across(at) } else { 0.0 };
                         }
                     }
                 }
             }
         }
-        let pixels = f64::from(stride * stride);
+        let pixels = (f64::from(TILE) / f64::from(TILE.div_ceil(stride))).powi(2);
         let [hidden, expected, known, known_behind] = counts.map(|c| f64::from(c) * pixels);
-        Forecast { hidden, expected, known, known_behind, covered: f64::from(covered) * pixels }
+        let area = area.scaled(pixels * self.grid().voxel.powi(2));
+        Forecast { hidden, expected, known, known_behind, covered: f64::from(covered) * pixels, area }
+    }
+
+    /// Cosine of the angle at which a ray meets the membrane in this voxel.
+    fn expected_cosine(&self, index: usize, ray: &[f32; 3]) -> f32 {
+        /// Where the membrane does not tell: of a mean angle.
+        const USUAL: f32 = 0.7;
+        let grid = self.grid();
+        let Some(voxel) = grid.expected.get(grid.slot[index] as usize) else { return USUAL };
+        let n = voxel.normal;
+        let cosine = -(n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2]);
+        if n == [0.0; 3] { USUAL } else { cosine.max(GRAZING) }
     }
 }

@@ -6,6 +6,8 @@ use crate::{PastScan, Seen};
 use geometry::PinholeCamera;
 use nalgebra::{Isometry3, Point3};
 
+/// Cells by which an outline may err where parts are thinner than its cells.
+const DEEP: usize = 3;
 /// Cells along an axis of the coarse image at most.
 const MAX_CELLS: usize = 512;
 
@@ -19,14 +21,16 @@ pub(super) struct Silhouette {
     corner: [f64; 2],
     size: [usize; 2],
     background: Vec<bool>,
+    /// The part of it that is farther from the outline than pixels err.
+    deep: Vec<bool>,
     /// The camera's image in x / z, y / z; absent where it is not known: everything beyond the points is background then.
     image: Option<[[f64; 2]; 2]>,
 }
 
 impl Silhouette {
-    /// The outline of what a scan measured, `voxel` metres wide cells at the distance of its points, kept `margin` cells
-    /// away from it. `None` where nothing was measured.
-    pub(super) fn of(scan: &PastScan, voxel: f64, margin: usize) -> Option<Self> {
+    /// The outline of what a scan measured: by the pixel in a depth image; of points in cells as wide as they are apart, half
+    /// a `voxel` at least, and kept a cell away from them. `None` where nothing was measured.
+    pub(super) fn of(scan: &PastScan, voxel: f64) -> Option<Self> {
         let camera_from_world = scan.world_from_camera.inverse();
         let mut directions = Vec::new();
         let mut depths = Vec::new();
@@ -54,10 +58,13 @@ impl Silhouette {
         let high = |k: usize| directions.iter().map(|d| d[k]).fold(f64::NEG_INFINITY, f64::max);
         let [from, to] = [[low(0), low(1)], [high(0), high(1)]];
         let widest = (to[0] - from[0]).max(to[1] - from[1]).max(f64::MIN_POSITIVE);
-        // No finer than what is measured: a gap between neighbouring points is no background.
-        let spacing = widest_gap(&directions, from, to);
-        let cell = (voxel / depth).max(spacing).max(widest / MAX_CELLS as f64);
-        let edge = (margin + 2) as f64;
+        // A gap between neighbouring points is no background. An image has no gaps.
+        let (cell, margin) = match &scan.seen {
+            Seen::Depth { camera, .. } => (camera.fx.min(camera.fy).recip(), 0),
+            Seen::Points(_) => ((0.5 * voxel / depth).max(pitch(&directions, from, to)), 1),
+        };
+        let cell = cell.max(widest / MAX_CELLS as f64);
+        let edge = (margin + DEEP + 2) as f64;
         let scale = 1.0 / cell;
         let corner = [from[0] - edge * cell, from[1] - edge * cell];
         let size = [0, 1].map(|k| ((to[k] - from[k]) * scale + 2.0 * edge).ceil().max(1.0) as usize);
@@ -68,11 +75,22 @@ impl Silhouette {
         }
         let near = (0..margin).fold(measured, |cells, _| widened(&cells, size));
         let background = outside(&near, size);
-        Some(Self { camera_from_world, scale, corner, size, background, image })
+        let around = (0..DEEP).fold(near, |cells, _| widened(&cells, size));
+        let deep = outside(&around, size);
+        Some(Self { camera_from_world, scale, corner, size, background, deep, image })
     }
 
     /// Whether a point (world frame) lies in front of or behind nothing but background.
     pub(super) fn is_background(&self, p: &Point3<f64>) -> bool {
+        self.shows(p, &self.background)
+    }
+
+    /// The same, and too far from the outline for a pixel to have missed what is there.
+    pub(super) fn is_deep_background(&self, p: &Point3<f64>) -> bool {
+        self.shows(p, &self.deep)
+    }
+
+    fn shows(&self, p: &Point3<f64>, cells: &[bool]) -> bool {
         let p = self.camera_from_world * p;
         if p.z <= 0.0 {
             return false;
@@ -85,7 +103,7 @@ impl Silhouette {
         if !(x >= 0.0 && y >= 0.0 && x < self.size[0] as f64 && y < self.size[1] as f64) {
             return true;
         }
-        self.background[y as usize * self.size[0] + x as usize]
+        cells[y as usize * self.size[0] + x as usize]
     }
 }
 
@@ -95,15 +113,15 @@ fn corners(camera: &PinholeCamera) -> [[f64; 2]; 2] {
     [at(-0.5, -0.5), at(f64::from(camera.width) - 0.5, f64::from(camera.height) - 0.5)]
 }
 
-/// Twice the pitch that the directions would have if they were spread evenly over the cells that they fill.
-fn widest_gap(directions: &[[f64; 2]], from: [f64; 2], to: [f64; 2]) -> f64 {
+/// How far apart the directions would be if they were spread evenly over the cells that they fill.
+fn pitch(directions: &[[f64; 2]], from: [f64; 2], to: [f64; 2]) -> f64 {
     const COARSE: usize = 24;
     let step = ((to[0] - from[0]).max(to[1] - from[1]) / COARSE as f64).max(f64::MIN_POSITIVE);
     let cell = |d: &[f64; 2]| [0, 1].map(|k| (((d[k] - from[k]) / step) as usize).min(COARSE - 1));
     let mut filled = vec![false; COARSE * COARSE];
     directions.iter().map(cell).for_each(|[x, y]| filled[y * COARSE + x] = true);
     let area = filled.iter().filter(|f| **f).count() as f64 * step * step;
-    2.0 * (area / directions.len().max(1) as f64).sqrt()
+    (area / directions.len().max(1) as f64).sqrt()
 }
 
 /// The cells and their eight neighbours.

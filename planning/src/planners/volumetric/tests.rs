@@ -30,6 +30,7 @@ fn ball(misses: Misses) -> ScanState {
         grid_size: 0.0023,
         working_distance: 1.2,
         tolerance: 0.002,
+        reach: 0.002,
         camera,
         near: Default::default(),
     }
@@ -55,12 +56,17 @@ fn the_other_side_of_a_ball_is_expected_and_chosen() {
 
 /// The grid after the state's scans, ready to be looked through.
 fn prepared(state: &ScanState) -> VoxelGrid {
+    prepared_with_area(state).0
+}
+
+/// The same with the area of the measured surface.
+fn prepared_with_area(state: &ScanState) -> (VoxelGrid, f64) {
     let mut grid = VolumetricPlanner::default().carved_grid(state);
     let near = NeighborGrid::new(&state.cloud.points, 0.0).neighborhoods(state.cloud.len(), 30);
     grid.set_cloud(&state.cloud);
-    grid.estimate_covered(&state.cloud, &near, state.tolerance);
+    let known_m2 = grid.estimate_covered(&state.cloud, &near, state.tolerance);
     grid.relax();
-    grid
+    (grid, known_m2)
 }
 
 #[test]
@@ -123,8 +129,8 @@ fn the_covered_share_of_a_sparse_plane_is_that_of_its_discs() {
     let mut rng = rng::stream(8, "stripes");
     let mut striped = Vec::new();
     for _ in 0..20_000 {
-        let [x, y] = [(); 2].map(|()| rand::Rng::gen_range(&mut rng, -0.06..0.06));
-        if (x / 0.002_f64).rem_euclid(5.0) < 1.0 || rand::Rng::gen_bool(&mut rng, 0.05) {
+        let [x, y] = [(); 2].map(|()| rand::RngExt::random_range(&mut rng, -0.06..0.06));
+        if (x / 0.002_f64).rem_euclid(5.0) < 1.0 || rand::RngExt::random_bool(&mut rng, 0.05) {
             striped.push(Point3::new(x, y, 0.0));
         }
     }
@@ -137,8 +143,8 @@ fn a_view_from_the_same_place_overlaps_wholly() {
     let state = ball(Misses::Free);
     let grid = prepared(&state);
     let marcher = Marcher::new(&grid, true);
-    let same = marcher.forecast(&state.camera, &from_z(1.2), 2);
-    let behind = marcher.forecast(&state.camera, &from_z(-1.2), 2);
+    let same = marcher.forecast(&state.camera, &from_z(1.2), 2, 0.002);
+    let behind = marcher.forecast(&state.camera, &from_z(-1.2), 2, 0.002);
     // The expectation is cautious by a sixth.
     assert_eq!(predict::trust(0.004, 0.002), 0.83);
     assert!(same.overlap(0.83).unwrap() > 0.77, "{same:?}");
@@ -195,7 +201,7 @@ fn leaps_and_tiles_change_nothing() {
     // From far, from the side, off the axis, and from among the voxels.
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6], [0.1, 0.1, 0.15], [0.02, -0.01, -0.12]] {
         let view = View { target: Point3::new(0.01, 0.02, 0.0), position: at.into() };
-        let (fast, slow) = (marcher.forecast(&camera, &view, 1), every_step(&grid, &camera, &view, 1));
+        let (fast, slow) = (marcher.forecast(&camera, &view, 1, 0.002), every_step(&grid, &camera, &view, 1));
         let pairs = [
             (fast.hidden, slow.hidden),
             (fast.expected, slow.expected),
@@ -216,7 +222,7 @@ fn where_misses_mean_nothing_the_same_stops_the_rays() {
     let [told, untold] = [true, false].map(|carves| Marcher::new(&grid, carves));
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6]] {
         let view = View { target: Point3::new(0.01, 0.02, 0.0), position: at.into() };
-        let [a, b] = [&told, &untold].map(|m| m.forecast(&state.camera, &view, 4));
+        let [a, b] = [&told, &untold].map(|m| m.forecast(&state.camera, &view, 4, 0.002));
         let pairs = [(a.expected, b.expected), (a.known + a.known_behind, b.known_behind), (a.covered, b.covered)];
         assert!(a.expected + a.known > 500.0 && b.known == 0.0, "{at:?} sees {a:?}, {b:?}");
         assert!(pairs.iter().all(|(a, b)| (a - b).abs() <= 32.0 + 0.002 * b), "{at:?}: {a:?} {b:?}");
@@ -257,7 +263,8 @@ fn the_membrane_is_that_of_relaxing_voxel_by_voxel() {
                 chi[i] += 1.8 * (around.iter().sum::<f32>() / 6.0 - chi[i]);
             }
         }
-        let passed = grid.relax();
+        grid.relax();
+        let passed = grid.expected.len();
         let solid = order.iter().filter(|&&i| chi[i] > 0.5).count();
         let wrong = order.iter().filter(|&&i| (grid.code[i] == SOLID) != (chi[i] > 0.5)).count();
         let off = order.iter().map(|&i| (grid.membrane.get(i) - chi[i]).abs()).fold(0.0, f32::max);
@@ -288,7 +295,8 @@ fn no_gain_exceeds_what_is_missing() {
     let state = ball(Misses::Free);
     let mut planner = VolumetricPlanner::new(VolumetricConfig::default());
     let ranked = planner.rank_views(&state, &mut rng::stream(1, "test")).expect("views");
-    let missing = 1.0 - planner.coverage();
+    let missing = 1.0 - planner.surface().covered();
+    assert!(ranked.iter().all(|r| (0.0..=1.0).contains(&r.score)), "a score is a share");
     assert!(!ranked.is_empty() && ranked.iter().all(|r| r.gain.is_some_and(|g| g <= missing)), "{missing}");
     let novel = |weight| {
         let config = VolumetricConfig { novelty: weight, ..Default::default() };
@@ -305,7 +313,7 @@ fn a_scene_that_fills_the_image_is_sampled_coarser() {
     // The ball from near, at two resolutions: the finer one is over the limit.
     let [coarse, fine] = [(320, 240), (1280, 960)].map(|(w, h)| {
         let camera = PinholeCamera::from_fov_y(w, h, 1.0);
-        let f = marcher.forecast(&camera, &from_z(0.3), 1);
+        let f = marcher.forecast(&camera, &from_z(0.3), 1, 0.002);
         [f.hidden, f.known, f.covered].map(|n| n / f64::from(w * h))
     });
     for (a, b) in coarse.iter().zip(fine) {
@@ -349,16 +357,16 @@ fn outside_of_the_outline_is_background_and_a_dropout_is_not() {
             .for_each(|i| depth.depth[i] = 0.0);
     }
     for (scan, name) in [(&scan, "depth"), (&points, "points")] {
-        let outline = Silhouette::of(scan, 0.004, 1).expect("it saw something");
+        let outline = Silhouette::of(scan, 0.004).expect("it saw something");
         let is = |x: f64, z: f64| outline.is_background(&Point3::new(x, 0.0, z));
         assert!(is(0.12, 0.0) && is(-0.12, -0.1) && is(0.11, 0.3), "{name}: beside the ball");
         assert!(!is(0.0, 0.0) && !is(0.0, -0.3) && !is(0.06, 0.0), "{name}: the ball, behind it, a dropout on it");
         assert!(!is(0.0, 2.0), "{name}: behind the camera");
     }
-    let outline = Silhouette::of(&scan, 0.004, 1).expect("it saw something");
+    let outline = Silhouette::of(&scan, 0.004).expect("it saw something");
     assert!(!outline.is_background(&Point3::new(5.0, 0.0, 0.0)), "beyond the image nothing is known");
     let empty = PastScan { seen: Seen::Points(Vec::new()), ..points };
-    assert!(Silhouette::of(&empty, 0.004, 1).is_none());
+    assert!(Silhouette::of(&empty, 0.004).is_none());
 }
 
 #[test]
@@ -373,4 +381,39 @@ fn an_outline_that_others_contradict_is_no_longer_trusted() {
     }
     planner.carved_grid(&state);
     assert!(planner.carved[0].background().is_none(), "surface in its background");
+}
+
+/// Half of a ball of 8 cm is 402 cm2; from 1.2 m a little less of it shows: 2 pi r^2 (1 - r / d) = 375 cm2.
+#[test]
+fn areas_are_those_of_the_ball() {
+    let cap = 2.0 * std::f64::consts::PI * 0.08 * 0.08 * (1.0 - 0.08 / 1.2);
+    let state = ball(Misses::Free);
+    let (grid, known_m2) = prepared_with_area(&state);
+    let marcher = Marcher::new(&grid, true);
+    // At the limb its points are too far apart to tell.
+    assert!(known_m2 > 0.82 * cap && known_m2 < 1.05 * cap, "measured: {known_m2:.4} m2, true {cap:.4}");
+    for camera in [PinholeCamera::default(), PinholeCamera::from_fov_y(640, 480, 0.6)] {
+        let stride = |distance: f64| ray_stride(&camera, distance, grid.voxel);
+        for distance in [0.5, 1.2, 2.0] {
+            let seen = marcher.forecast(&camera, &from_z(distance), stride(distance), 0.002).area;
+            // From farther away no more of it is known.
+            let shown = 2.0 * std::f64::consts::PI * 0.08 * 0.08 * (1.0 - 0.08 / distance.min(1.2));
+            assert!((seen.known / shown - 1.0).abs() < 0.1, "{distance} m: {:.4} m2, true {shown:.4}", seen.known);
+        }
+        let stride = stride(1.2);
+        let behind = marcher.forecast(&camera, &from_z(-1.2), stride, 0.002).area;
+        assert!(behind.expected < 2.0 * cap && behind.expected > 0.3 * cap, "{behind:?}");
+        assert!(behind.covered <= behind.expected, "{behind:?}");
+    }
+}
+
+#[test]
+fn what_a_scan_covers_of_a_surface_follows_from_its_pixels() {
+    let share = predict::covered_share;
+    assert_eq!(share(1.0, 1.0, 1.0), 1.0, "pixels as wide as the tolerance");
+    let alone = share(4.0, 1.0, 1.0);
+    assert!((alone - std::f32::consts::PI / 16.0).abs() < 1e-6, "discs that do not touch: {alone}");
+    assert!(share(1.0, 0.3, 1.0) < 0.6, "a slope is seen in rows");
+    let falls = (1..60).map(|k| share(0.1 * k as f32, 0.8, 1.0)).collect::<Vec<_>>();
+    assert!(falls.windows(2).all(|w| w[1] <= w[0] + 0.12), "without a jump up: {falls:?}");
 }
