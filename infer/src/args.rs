@@ -13,6 +13,7 @@ Examples:
   infer --scan samples/scan1.ply --from 0.8,0.2,0.9
   infer --scan a.ply b.ply --distance 0.6 --report next.html
   infer --depth d.png --intrinsics 514.1,514.1,640,360 --pose pose.json --json
+  infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --views-from stops.json
   infer --object procedural:3 --views 10 --report loop.html
   infer --serve --http 127.0.0.1:8350
   infer --scan a.ply --from 0,0,1 --set constraints.floor_height_m=0.05 --set constraints.max_travel_m=0.8
@@ -38,6 +39,10 @@ pub struct Args {
     /// Pose of each depth image: a JSON file with world_from_camera, or tx,ty,tz,qx,qy,qz,qw in metres.
     #[arg(long, num_args = 1.., value_name = "FILE|NUMBERS")]
     pub pose: Vec<String>,
+    /// Choose from the poses in this file alone: turntable stops, taught poses. JSON (a list of 4 x 4 matrices or of objects
+    /// with world_from_camera), rows of 4 x 4 matrices, or TUM lines; metres.
+    #[arg(long, value_name = "FILE")]
+    pub views_from: Option<PathBuf>,
     /// Metres per unit of the depth images, if not the usual.
     #[arg(long, value_name = "METRES")]
     pub depth_unit: Option<f64>,
@@ -69,7 +74,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Scan this mesh in the simulator until --views: a file, or procedural:SEED.
-    #[arg(long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve"])]
+    #[arg(long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve", "views_from"])]
     pub object: Option<String>,
     /// Next views in the closed loop (--object).
     #[arg(long, default_value_t = 15, value_name = "COUNT")]
@@ -78,7 +83,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR", requires = "object")]
     pub export_scans: Option<PathBuf>,
     /// Answer requests: JSON lines over stdin and stdout, or HTTP with --http.
-    #[arg(long, conflicts_with_all = ["scan", "depth", "report", "ply"])]
+    #[arg(long, conflicts_with_all = ["scan", "depth", "report", "ply", "views_from"])]
     pub serve: bool,
     /// Loopback address for --serve, such as 127.0.0.1:8350; port 0 takes a free one and prints it.
     #[arg(long, value_name = "ADDRESS", requires = "serve")]

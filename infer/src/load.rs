@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail};
 use formats::cloud::{CloudFile, Grid, parse_cloud, read_cloud};
 use formats::depth::{parse_depth, read_depth};
 use geometry::{DepthImage, PinholeCamera};
-use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector2};
+use nalgebra::{Isometry3, Point3, Vector2};
 use planning::Misses;
 use planning::Scan;
 use serde::{Deserialize, Serialize};
@@ -143,6 +143,9 @@ fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
     }
     let bytes = std::fs::read(text)
         .with_context(|| format!("--pose {text}: neither tx,ty,tz,qx,qy,qz,qw nor a file that can be read"))?;
+    if let Ok([pose]) = parse_poses(&String::from_utf8_lossy(&bytes)).as_deref() {
+        return Ok((*pose, None));
+    }
     let file: PoseFile = serde_json::from_slice(&bytes).with_context(|| {
         format!("{text}: expected {{\"world_from_camera\": [[4 numbers] x 4], \"intrinsics\": [4 numbers]}}")
     })?;
@@ -150,22 +153,62 @@ fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
     Ok((pose, file.intrinsics))
 }
 
-/// A 4 x 4 matrix as a rigid motion.
+/// A 4 x 4 matrix as a rigid motion; said where it was off by more than rounding.
 pub fn rigid(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, String> {
-    let m = Matrix4::from_fn(|r, c| rows[r][c]);
-    let rotation: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into_owned();
-    let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
-    if !m.iter().all(|x| x.is_finite()) || off.is_nan() || off > 1e-3 || rotation.determinant() < 0.0 {
-        return Err(format!(
-            "world_from_camera is not a rigid motion: its rotation is off by {off:.1e}, determinant {:.3}",
-            rotation.determinant()
-        ));
+    let (pose, off) = planning::pose::rigid(rows)?;
+    if off > 1e-3 {
+        tracing::warn!("world_from_camera: its rotation is off by {off:.1e}; the nearest one is taken");
     }
-    if (m.row(3) - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).amax() > 1e-9 {
-        return Err("world_from_camera: the last row must be 0 0 0 1 (the matrix is given row by row)".to_owned());
+    Ok(pose)
+}
+
+/// Poses as people have them: JSON (a list of 4 x 4 matrices, or of objects with `world_from_camera`), or text: four rows of
+/// four numbers each, or TUM's lines (time x y z qx qy qz qw). Camera +Z forward, metres.
+pub fn poses(path: &Path) -> Result<Vec<Isometry3<f64>>> {
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    parse_poses(&text).map_err(|reason| anyhow::anyhow!("{}: {reason}", path.display()))
+}
+
+fn parse_poses(text: &str) -> Result<Vec<Isometry3<f64>>, String> {
+    const EXPECTED: &str = "expected JSON (a list of 4 x 4 matrices or of {\"world_from_camera\": ...}), rows of a 4 x 4 \
+                            matrix, or lines of time x y z qx qy qz qw";
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Entry {
+        Matrix([[f64; 4]; 4]),
+        Object { world_from_camera: [[f64; 4]; 4] },
     }
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-    Ok(Isometry3::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))
+    let numbered = |i: usize, e: String| format!("pose {i}: {e}");
+    if text.trim_start().starts_with(['[', '{']) {
+        let entries: Vec<Entry> = serde_json::from_str(text).map_err(|e| format!("{e}; {EXPECTED}"))?;
+        let matrix = |entry: &Entry| match entry {
+            Entry::Matrix(m) | Entry::Object { world_from_camera: m } => *m,
+        };
+        return entries.iter().enumerate().map(|(i, e)| rigid(&matrix(e)).map_err(|e| numbered(i, e))).collect();
+    }
+    let lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.split('#').next().unwrap_or_default()));
+    let mut rows: Vec<[f64; 4]> = Vec::new();
+    let mut poses = Vec::new();
+    for (number, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
+        let words = line.split([' ', '\t', ',']).filter(|w| !w.is_empty()).map(str::parse::<f64>);
+        let values: Vec<f64> = words.collect::<Result<_, _>>().map_err(|_| format!("line {number}: {EXPECTED}"))?;
+        match values[..] {
+            [a, b, c, d] => rows.push([a, b, c, d]),
+            [_, x, y, z, qx, qy, qz, qw] if rows.is_empty() => {
+                poses.push(rigid_from([qx, qy, qz, qw], [x, y, z]).map_err(|e| format!("line {number}: {e}"))?);
+            }
+            _ => return Err(format!("line {number}: {} numbers; {EXPECTED}", values.len())),
+        }
+        if let [a, b, c, d] = rows[..] {
+            poses.push(rigid(&[a, b, c, d]).map_err(|e| format!("up to line {number}: {e}"))?);
+            rows.clear();
+        }
+    }
+    match (rows.is_empty(), poses.is_empty()) {
+        (false, _) => Err(format!("the last matrix has {} rows of 4", rows.len())),
+        (_, true) => Err(format!("no pose; {EXPECTED}")),
+        _ => Ok(poses),
+    }
 }
 
 #[cfg(test)]
@@ -233,6 +276,20 @@ mod tests {
         let (pose, _) = read_pose("1,2,3,0,0,0,1").expect("numbers");
         assert_eq!(pose, Isometry3::translation(1.0, 2.0, 3.0), "translation and quaternion");
         assert!(read_pose("1,2,3,0,0,0,2").is_err(), "not a unit quaternion");
+        let forms = [
+            "[[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]]",
+            "[{\"world_from_camera\": [[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]",
+            "# a pose\n1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n",
+            "# time x y z qx qy qz qw\n0.5 1 2 3 0 0 0 1\n",
+        ];
+        for form in forms {
+            assert_eq!(parse_poses(form).as_deref(), Ok(&[pose][..]), "{form}");
+        }
+        for (wrong, said) in
+            [("1 2 3\n", "line 1: 3 numbers"), ("1 0 0 1\n", "1 rows of 4"), ("", "no pose"), ("a b", "line 1")]
+        {
+            assert!(parse_poses(wrong).expect_err("no poses").contains(said), "{wrong}");
+        }
         assert!(format!("{:#}", read_pose("nowhere.json").expect_err("no file")).contains("nowhere.json"));
     }
 }

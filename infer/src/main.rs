@@ -107,6 +107,9 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<String> {
         }
         add(session, path, scan)?;
     }
+    if let Some(path) = &args.views_from {
+        session.set_given_views(load::poses(path)?);
+    }
     let misses = session.config().misses;
     for (path, pose) in args.depth.iter().zip(&args.pose) {
         add(session, path, load::depth(path, args.depth_unit, pose, args.intrinsics, misses)?)?;

@@ -30,6 +30,9 @@ pub struct Candidate {
     pub expected_overlap: Option<f64>,
     /// Why it must not be taken; empty if it may.
     pub objections: Vec<Objection>,
+    /// Which of the given views it is, from 0; absent where views are not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub given: Option<usize>,
 }
 
 /// Whether another view is worth it.
@@ -153,7 +156,8 @@ impl Answer {
 }
 
 fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
-    line(format!("next view: score {:.3}", next.score));
+    let which = next.given.map_or(String::new(), |i| format!(" (number {i} of those given)"));
+    line(format!("next view: score {:.3}{which}", next.score));
     line(format!("  target  {}", triple(&next.target_m)));
     line(format!("  camera  {}   ({} from the target)", triple(&next.position_m), length(next.working_distance_m)));
     line("  world_from_camera (+X right, +Y down, +Z forward; metres)".to_owned());

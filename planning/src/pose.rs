@@ -1,7 +1,7 @@
 //! A view as a pose that a robot can use.
 
 use geometry::View;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// How the roll about the optical axis is chosen.
@@ -45,6 +45,36 @@ pub fn world_from_camera(view: &View, config: &PoseConfig, up: &Vector3<f64>) ->
     pose * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), config.extra_roll_deg.to_radians())
 }
 
+/// A 4 x 4 matrix, row by row, as the rigid motion next to it, and how far its rotation was off (the largest element of the
+/// difference).
+///
+/// # Errors
+/// What is wrong: numbers that are not finite, a last row that is not 0 0 0 1, a rotation off by more than 0.1 or mirrored.
+pub fn rigid(rows: &[[f64; 4]; 4]) -> Result<(Isometry3<f64>, f64), String> {
+    let m = Matrix4::from_fn(|r, c| rows[r][c]);
+    if !m.iter().all(|x| x.is_finite()) {
+        return Err("world_from_camera has numbers that are not finite".to_owned());
+    }
+    if (m.row(3) - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).amax() > 1e-9 {
+        return Err("world_from_camera: the last row must be 0 0 0 1 (the matrix is given row by row)".to_owned());
+    }
+    let given: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into_owned();
+    let svd = given.svd(true, true);
+    let nearest = svd.u.zip(svd.v_t).map(|(u, v)| u * v).unwrap_or_else(Matrix3::zeros);
+    let off = (nearest - given).amax();
+    let determinant = given.determinant();
+    if off > MOST_OFF || nearest.determinant() < 0.5 {
+        return Err(format!(
+            "world_from_camera is not a rigid motion: its rotation is off by {off:.1e}, determinant {determinant:.3}"
+        ));
+    }
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(nearest));
+    Ok((Isometry3::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation), off))
+}
+
+/// Rotations are farther off than by rounding, and are refused.
+const MOST_OFF: f64 = 0.1;
+
 impl From<&Isometry3<f64>> for Pose {
     fn from(pose: &Isometry3<f64>) -> Self {
         let m = pose.to_homogeneous();
@@ -61,7 +91,7 @@ impl From<&Isometry3<f64>> for Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix4, Point3, Quaternion, Translation3};
+    use nalgebra::{Point3, Quaternion};
     use proptest::prelude::*;
 
     fn view(position: [f64; 3]) -> View {
@@ -93,6 +123,22 @@ mod tests {
         let published =
             world_from_camera(&seen_from, &PoseConfig { roll: Roll::Published, ..Default::default() }, &Vector3::x());
         assert_eq!(published, seen_from.world_from_camera(), "the published roll ignores the setting of up");
+    }
+
+    #[test]
+    fn a_matrix_off_by_rounding_becomes_the_rotation_next_to_it() {
+        let exact = view([1.0, 2.0, 0.5]).world_from_camera();
+        let mut rows = Pose::from(&exact).matrix;
+        rows[0][0] += 8e-3;
+        rows[1][2] -= 5e-3;
+        let (found, off) = rigid(&rows).expect("near a rotation");
+        assert!(off > 2e-3 && off < 1e-2, "{off}");
+        assert!(found.rotation.angle_to(&exact.rotation) < 1e-2, "{found:?}");
+        assert_eq!(found.translation, exact.translation);
+        rows[0][0] += 0.3;
+        assert!(rigid(&rows).expect_err("too far").contains("not a rigid motion"));
+        rows[0][0] = f64::NAN;
+        assert!(rigid(&rows).expect_err("no number").contains("not finite"));
     }
 
     proptest! {

@@ -1,17 +1,21 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
+mod ranking;
+mod warnings;
+
 use crate::accumulate::reference_surface;
-use crate::answer::{Answer, Candidate, CloudSummary, Stop, length};
+use crate::answer::{Answer, Candidate, CloudSummary, Stop};
 use crate::config::{ConfigError, SessionConfig};
-use crate::constraints::{Surroundings, count_exclusions};
+use crate::constraints::{Objection, Surroundings, count_exclusions};
 use crate::planners::auto::{AutoPlanner, ChooseError, Network};
 use crate::pose::{Pose, world_from_camera};
 use crate::scan::{PreparedScan, Scan, ScanReport, prepare};
 use crate::{Accumulate, Evidence, PlanError, Planner};
-use crate::{PastScan, RankedView, ScanState, Seen};
+use crate::{PastScan, ScanState, Seen};
 use crate::{accumulate, overlap, stop, thin};
-use geometry::{BoundaryConfig, PointCloud, boundary_among, mean_spacing, rng};
-use nalgebra::Point3;
+use geometry::{PointCloud, mean_spacing};
+use nalgebra::{Isometry3, Point3};
+use ranking::{Ranking, rank};
 use std::sync::{Arc, OnceLock};
 
 /// Why no answer can be given.
@@ -49,6 +53,9 @@ pub enum SessionError {
 /// to a radius reach about as far.
 const THINNED: f64 = 0.9;
 
+/// A camera within this share of the working distance of a given view has scanned from there.
+const SAME_PLACE: f64 = 2e-3;
+
 /// The scans of one object so far, and the planners' memory of them.
 #[derive(Clone, Debug)]
 pub struct Session {
@@ -56,6 +63,9 @@ pub struct Session {
     planners: AutoPlanner,
     scans: Vec<PreparedScan>,
     state: ScanState,
+    /// What the planner said of the state as it is: requests that differ in where the camera may go ask once.
+    ranking: Option<Ranking>,
+    given_views: Arc<[Isometry3<f64>]>,
     truth: Option<Truth>,
 }
 
@@ -74,7 +84,15 @@ impl Session {
     pub fn new(config: SessionConfig, network: Option<Network>) -> Result<Self, SessionError> {
         config.check()?;
         let planners = AutoPlanner::new(network, &config);
-        Ok(Self { config, planners, scans: Vec::new(), state: ScanState::default(), truth: None })
+        Ok(Self {
+            config,
+            planners,
+            scans: Vec::new(),
+            state: ScanState::default(),
+            ranking: None,
+            given_views: Arc::default(),
+            truth: None,
+        })
     }
 
     /// A session whose cloud consists, as published, of the samples of the true surface that were matched so far: for
@@ -83,13 +101,29 @@ impl Session {
         let config = SessionConfig { accumulate: Accumulate::Matched, ..config };
         let planners = AutoPlanner::new(None, &config);
         let truth = Some(Truth { samples, reference: Vec::new() });
-        Self { config, planners, scans: Vec::new(), state: ScanState::default(), truth }
+        Self {
+            config,
+            planners,
+            scans: Vec::new(),
+            state: ScanState::default(),
+            ranking: None,
+            given_views: Arc::default(),
+            truth,
+        }
     }
 
     /// A session without a network whose settings are the program's own and known to be in range.
     pub fn unchecked(config: SessionConfig) -> Self {
         let planners = AutoPlanner::new(None, &config);
-        Self { config, planners, scans: Vec::new(), state: ScanState::default(), truth: None }
+        Self {
+            config,
+            planners,
+            scans: Vec::new(),
+            state: ScanState::default(),
+            ranking: None,
+            given_views: Arc::default(),
+            truth: None,
+        }
     }
 
     /// The settings.
@@ -104,6 +138,9 @@ impl Session {
     /// A setting out of range: the old ones stay.
     pub fn configure(&mut self, config: SessionConfig) -> Result<(), SessionError> {
         config.check()?;
+        if self.config != config {
+            self.ranking = None;
+        }
         self.planners.configure(&config);
         let merge = |c: &SessionConfig| (c.accumulate, c.max_points, c.seed);
         let merged_alike = merge(&self.config) == merge(&config);
@@ -180,6 +217,15 @@ impl Session {
         self.truth.as_ref().map_or(&[], |truth| &truth.reference)
     }
 
+    /// Chooses from these poses (`world_from_camera`) alone from now on: the stops of a turntable, taught poses. Each is
+    /// scored like a candidate, none is invented, and those that were scanned from already are ruled out. Empty: views at the
+    /// boundary of the cloud again.
+    pub fn set_given_views(&mut self, poses: Vec<Isometry3<f64>>) {
+        self.given_views = poses.into();
+        self.state.given_views = Arc::clone(&self.given_views);
+        self.ranking = None;
+    }
+
     /// The next view, with all candidates, where the camera may go by the settings.
     ///
     /// # Errors
@@ -206,25 +252,13 @@ impl Session {
         }
         let (config, num_scans) = (&self.config, self.scans.len());
         let choice = self.planners.choose(&self.state)?;
-        let state = &mut self.state;
-        let mut ranked: Vec<(RankedView, f64)> = Vec::new();
-        for distance in config.working_distances() {
-            // One stream for all distances: the candidates differ by the distance alone.
-            let mut rng = rng::stream(config.seed, &format!("infer/view/{num_scans}"));
-            state.working_distance = distance;
-            match self.planners.rank(choice.planner, state, &mut rng) {
-                Ok(views) => ranked.extend(views.into_iter().map(|view| (view, distance))),
-                Err(PlanError::NoBoundary) => {}
-                Err(error) => return Err(error.into()),
-            }
-        }
-        let boundary = BoundaryConfig::default();
-        let near = state.neighborhoods(boundary.neighbors);
-        let boundary = boundary_among(&state.cloud, &near, near.mean_distance(), &boundary).len();
-        if ranked.is_empty() && boundary > 0 {
-            let why = format!("none of the {boundary} boundary points has a normal to look along");
-            return Err(PlanError::no_view(choice.planner.as_str(), why).into());
-        }
+        let ranking = match self.ranking.take() {
+            Some(known) => known,
+            None => rank(&mut self.planners, &mut self.state, config, num_scans, choice.planner)?,
+        };
+        let &mut Ranking { views: ref ranked, boundary } = self.ranking.insert(ranking);
+        let given = self.state.given();
+        let scanned: Vec<Point3<f64>> = if given.is_empty() { Vec::new() } else { positions.clone() };
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
         let (low, high) = self.state.cloud.bounding_box();
         let known = Surroundings {
@@ -244,6 +278,11 @@ impl Session {
                     (constraints.min_overlap > 0.0)
                         .then(|| overlap::estimate(&self.state.cloud, view, &self.state.camera, usual_scan))
                 });
+                let given = given.iter().position(|g| g == view);
+                let pose = match given {
+                    Some(i) => self.given_views[i],
+                    None => world_from_camera(view, &self.config.pose, &constraints.up()),
+                };
                 Candidate {
                     rank: 0,
                     score: ranked.score - constraints.travel_cost(view, &known),
@@ -251,17 +290,23 @@ impl Session {
                     target_m: view.target.coords.into(),
                     position_m: view.position.coords.into(),
                     working_distance_m: *distance,
-                    world_from_camera: Pose::from(&world_from_camera(view, &self.config.pose, &constraints.up())),
+                    world_from_camera: Pose::from(&pose),
                     expected_gain: ranked.gain,
                     expected_overlap: overlap,
-                    objections: constraints.objections(view, overlap, &known),
+                    objections: match scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
+                        true => vec![Objection::scanned()],
+                        false => constraints.objections(view, overlap, &known),
+                    },
+                    given,
                 }
             })
             .collect();
-        // Stable: equal scores stay in the planner's order.
+        let travel = |c: &Candidate| current.map_or(0.0, |from| (Point3::from(c.position_m) - from).norm());
+        // Of given views that are equally good the nearer. Stable: equal ones stay in the planner's order.
         candidates.sort_by(|a, b| {
             let ruled_out = |c: &Candidate| !c.objections.is_empty();
-            ruled_out(a).cmp(&ruled_out(b)).then(b.score.total_cmp(&a.score))
+            let nearer = a.given.and(b.given).map_or(std::cmp::Ordering::Equal, |_| travel(a).total_cmp(&travel(b)));
+            ruled_out(a).cmp(&ruled_out(b)).then(b.score.total_cmp(&a.score)).then(nearer)
         });
         for (rank, candidate) in candidates.iter_mut().enumerate() {
             candidate.rank = rank;
@@ -305,56 +350,10 @@ impl Session {
         }
     }
 
-    /// What is odd about sizes and distances.
-    fn warnings(&self, next: Option<&Candidate>, candidates: &[Candidate]) -> Vec<String> {
-        let mut warnings = Vec::new();
-        let reports = || self.scans.iter().map(|s| &s.report);
-        let (read, used): (usize, usize) = reports().fold((0, 0), |(r, u), x| (r + x.read, u + x.used));
-        if reports().map(|r| r.thinned).sum::<usize>() * 10 > read {
-            warnings.push(format!("thinned to {used} of {read} points before planning (max_points)"));
-        }
-        let outliers: usize = reports().map(|r| r.outliers).sum();
-        if outliers > 0 {
-            warnings.push(format!("dropped {outliers} points far from all others (outlier_factor)"));
-        }
-        let (low, high) = self.state.cloud.bounding_box();
-        let diagonal = (high - low).norm();
-        if diagonal > 50.0 {
-            warnings.push(format!("the cloud is {} across: is it in millimetres (--unit mm)?", length(diagonal)));
-        } else if diagonal < 0.002 {
-            warnings.push(format!("the cloud is {} across: is it in metres (--unit m)?", length(diagonal)));
-        }
-        let camera = &self.state.camera;
-        let image = f64::from(camera.width) / camera.fx;
-        let angle = image.min(f64::from(camera.height) / camera.fy);
-        // The whole box in the image, seen from in front of its near side.
-        let serves = 1.1 * diagonal / angle + 0.5 * diagonal;
-        let Some(best) = next.or(candidates.first()) else { return warnings };
-        let distance = best.working_distance_m;
-        let position = Point3::from(best.position_m);
-        let nearest = self.state.cloud.points.iter().map(|p| (p - position).norm()).fold(f64::INFINITY, f64::min);
-        if nearest < 0.5 * distance {
-            warnings.push(format!(
-                "the camera would stand {} from the measured surface, in or near the cloud, which is {} across: \
-                 a distance of {} would serve (--distance {serves:.3})",
-                length(nearest),
-                length(diagonal),
-                length(serves)
-            ));
-        } else if diagonal > distance * angle {
-            warnings.push(format!(
-                "the cloud is {} across and overflows the image at {}: a distance of {} would serve (--distance {serves:.3})",
-                length(diagonal),
-                length(distance),
-                length(serves)
-            ));
-        }
-        warnings
-    }
-
     /// The state from all scans anew.
     fn rebuild(&mut self) {
-        self.state = ScanState::default();
+        self.state = ScanState { given_views: Arc::clone(&self.given_views), ..ScanState::default() };
+        self.ranking = None;
         match self.config.accumulate {
             Accumulate::Thinned if self.scans.is_empty() => {}
             Accumulate::Thinned => self.take_in(self.scans.len() - 1),
@@ -364,6 +363,7 @@ impl Session {
 
     /// The state with scan `index`, after those before it.
     fn take_in(&mut self, index: usize) {
+        self.ranking = None;
         let config = &self.config;
         let scans = &self.scans[..=index];
         let first_spacing = scans[0].spacing;
@@ -403,6 +403,7 @@ impl Session {
             working_distance: config.working_distance_m,
             tolerance: config.tolerance_m,
             camera: config.camera.camera(),
+            given_views: Arc::clone(&self.given_views),
             near: OnceLock::new(),
         };
     }

@@ -1,7 +1,7 @@
 //! What a policy may see.
 
 use geometry::neighbors::{NeighborGrid, Neighborhoods};
-use geometry::{DepthImage, PinholeCamera, PointCloud};
+use geometry::{DepthImage, PinholeCamera, PointCloud, View};
 use nalgebra::{Isometry3, Point3};
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
@@ -78,11 +78,21 @@ pub struct ScanState {
     pub reach: f64,
     /// Camera that will take the next scan.
     pub camera: PinholeCamera,
+    /// Poses that the next view is chosen from (`world_from_camera`); empty: views at the boundary of the cloud.
+    pub given_views: Arc<[Isometry3<f64>]>,
     /// Neighbourhoods of the cloud's points, found when first asked for.
     pub near: OnceLock<Neighborhoods>,
 }
 
 impl ScanState {
+    /// The given views as targets and positions: each looks at what is the working distance ahead of it.
+    pub fn given(&self) -> Vec<View> {
+        let ahead = Point3::new(0.0, 0.0, self.working_distance);
+        let view =
+            |pose: &Isometry3<f64>| View { target: pose * ahead, position: Point3::from(pose.translation.vector) };
+        self.given_views.iter().map(view).collect()
+    }
+
     /// The neighbourhoods of `k` points: those known already where they are of this cloud and size, else found now.
     pub fn neighborhoods(&self, k: usize) -> Cow<'_, Neighborhoods> {
         let points = &self.cloud.points;

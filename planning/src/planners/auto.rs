@@ -119,7 +119,8 @@ pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Resu
         PlannerName::Auto => choice(
             PlannerName::Farthest,
             format!(
-                "there are {has} and no weights are loaded (--weights DIR), so the normals stand for the past cameras"
+                "there are {has} and no network that could rank (--weights DIR; given views it does not know), so the \
+                 normals stand for the past cameras"
             ),
         ),
         asked => choice(asked, format!("asked for (there are {has})")),
@@ -135,6 +136,11 @@ pub enum ChooseError {
          each --depth; or use --planner auto"
     )]
     NoCameras,
+    /// `benbv-net` where the views are given.
+    #[error(
+        "planner benbv-net ranks views at the boundary alone, not given ones: use --planner volumetric or farthest"
+    )]
+    GivenViews,
     /// `benbv-net` without weights.
     #[error("planner benbv-net needs weights: give --weights DIR with a checkpoint; or use --planner auto")]
     NoWeights,
@@ -177,7 +183,11 @@ impl AutoPlanner {
     /// # Errors
     /// The planner asked for cannot work.
     pub fn choose(&self, state: &ScanState) -> Result<Choice, ChooseError> {
-        choose(self.asked, Evidence::of(state), self.has_network())
+        let given = !state.given_views.is_empty();
+        if given && self.asked == PlannerName::BenbvNet {
+            return Err(ChooseError::GivenViews);
+        }
+        choose(self.asked, Evidence::of(state), self.has_network() && !given)
     }
 
     /// The known and the expected surface at the last decision, where the planner chosen makes them out.
@@ -273,7 +283,7 @@ mod tests {
         );
         let fallback = auto(Evidence::Unplaced, false);
         assert_eq!(fallback.planner, PlannerName::Farthest, "no weights: directions");
-        assert!(fallback.why.contains("no weights"), "{}", fallback.why);
+        assert!(fallback.why.contains("no network"), "{}", fallback.why);
     }
 
     #[test]

@@ -64,6 +64,7 @@ impl Planner for FarthestPlanner {
             past.extend(state.cloud.normals.iter().sum::<Vector3<f64>>().try_normalize(0.0));
         }
         let views: Vec<View> = match &self.among {
+            _ if !state.given_views.is_empty() => state.given(),
             Among::Sphere(directions, distance) => {
                 let radius = match distance {
                     Distance::Beyond(more) => state.working_distance + more,

@@ -10,14 +10,12 @@ mod tiles;
 
 use crate::candidates::candidate_views_among;
 use crate::planner::checked;
-use crate::{
-    Angles, CandidateConfig, CandidateView, Misses, PastScan, PlanError, Planner, RankedView, ScanState, Seen,
-};
+use crate::{Angles, CandidateConfig, Misses, PastScan, PlanError, Planner, RankedView, ScanState, Seen};
 use geometry::coverage::overlap_response;
 use geometry::{PinholeCamera, View};
 use grid::VoxelGrid;
 use march::Marcher;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use silhouette::Silhouette;
@@ -248,7 +246,12 @@ impl VolumetricPlanner {
             return Forecasts::default();
         }
         let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
-        let candidates = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
+        let candidates: Vec<(View, Isometry3<f64>)> = if state.given_views.is_empty() {
+            let own = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
+            own.iter().map(|c| (c.view, c.view.world_from_camera())).collect()
+        } else {
+            state.given().into_iter().zip(state.given_views.iter().copied()).collect()
+        };
         let mut grid = self.carved_grid(state);
         grid.set_cloud(cloud);
         let known_m2 = grid.estimate_covered(cloud, &near, state.reach);
@@ -262,18 +265,18 @@ impl VolumetricPlanner {
         let trust = predict::trust(grid.voxel, state.tolerance);
         let marcher = Marcher::new(&grid, carves);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
-        let look = |c: &CandidateView| {
-            let seen = marcher.forecast(&state.camera, &c.view, stride, state.tolerance);
+        let look = |(view, pose): &(View, Isometry3<f64>)| {
+            let seen = marcher.forecast(&state.camera, pose, stride, state.tolerance);
             let area = seen.area;
             // What lies beyond bounds the gain from above; it means nothing where misses do not carve.
             let new = area.covered + if carves { 0.5 * area.beyond } else { 0.0 };
             let all = (seen.hidden + seen.known).max(1.0);
             ViewForecast {
-                view: c.view,
+                view: *view,
                 gain: new / total,
                 told_gain: (area.expected / total).min(missing),
                 overlap: seen.overlap(trust),
-                novelty: novelty(&c.view, &state.scans),
+                novelty: novelty(view, &state.scans),
                 known_m2: area.known,
                 expected_m2: area.expected,
                 pixels: [seen.hidden, seen.expected, seen.known, seen.known_behind, seen.covered].map(|n| n / all),

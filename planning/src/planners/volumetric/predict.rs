@@ -4,8 +4,8 @@ use super::grid::VoxelGrid;
 use super::march::{Hit, Marcher};
 use super::tiles::{TILE, Tiles};
 use geometry::neighbors::Neighborhoods;
-use geometry::{PinholeCamera, PointCloud, View};
-use nalgebra::Vector3;
+use geometry::{PinholeCamera, PointCloud};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 impl VoxelGrid {
     /// Estimates which share of the surface in each surface voxel the cloud covers within the tolerance: from samples
@@ -138,14 +138,20 @@ pub(super) fn bounded_stride(stride: u32, tiles: u32) -> u32 {
 }
 
 impl Marcher<'_> {
-    /// Follows every `stride`-th pixel of every `stride`-th row of a view; a point covers the surface within `tolerance`,
+    /// Follows every `stride`-th pixel of every `stride`-th row from a pose (`world_from_camera`); a point covers the surface within `tolerance`,
     /// metres.
-    pub(super) fn forecast(&self, camera: &PinholeCamera, view: &View, stride: u32, tolerance: f64) -> Forecast {
-        if !view.is_valid() {
+    pub(super) fn forecast(
+        &self,
+        camera: &PinholeCamera,
+        pose: &Isometry3<f64>,
+        stride: u32,
+        tolerance: f64,
+    ) -> Forecast {
+        if !pose.translation.vector.iter().all(|x| x.is_finite()) {
             return Forecast::default();
         }
-        let rotation = view.world_from_camera().rotation.to_rotation_matrix().into_inner().cast::<f32>();
-        let eye = self.grid().local(&view.position);
+        let rotation = pose.rotation.to_rotation_matrix().into_inner().cast::<f32>();
+        let eye = self.grid().local(&Point3::from(pose.translation.vector));
         let tiles = Tiles::new(camera, &eye, &rotation, self.occupied());
         let stride = bounded_stride(stride, tiles.spans().count() as u32);
         let [across, down] = [rotation.column(0) / camera.fx as f32, rotation.column(1) / camera.fy as f32];

@@ -32,6 +32,7 @@ fn ball(misses: Misses) -> ScanState {
         tolerance: 0.002,
         reach: 0.002,
         camera,
+        given_views: Default::default(),
         near: Default::default(),
     }
 }
@@ -143,8 +144,8 @@ fn a_view_from_the_same_place_overlaps_wholly() {
     let state = ball(Misses::Free);
     let grid = prepared(&state);
     let marcher = Marcher::new(&grid, true);
-    let same = marcher.forecast(&state.camera, &from_z(1.2), 2, 0.002);
-    let behind = marcher.forecast(&state.camera, &from_z(-1.2), 2, 0.002);
+    let same = marcher.forecast(&state.camera, &from_z(1.2).world_from_camera(), 2, 0.002);
+    let behind = marcher.forecast(&state.camera, &from_z(-1.2).world_from_camera(), 2, 0.002);
     // The expectation is cautious by a sixth.
     assert_eq!(predict::trust(0.004, 0.002), 0.83);
     assert!(same.overlap(0.83).unwrap() > 0.77, "{same:?}");
@@ -201,7 +202,8 @@ fn leaps_and_tiles_change_nothing() {
     // From far, from the side, off the axis, and from among the voxels.
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6], [0.1, 0.1, 0.15], [0.02, -0.01, -0.12]] {
         let view = View { target: Point3::new(0.01, 0.02, 0.0), position: at.into() };
-        let (fast, slow) = (marcher.forecast(&camera, &view, 1, 0.002), every_step(&grid, &camera, &view, 1));
+        let (fast, slow) =
+            (marcher.forecast(&camera, &view.world_from_camera(), 1, 0.002), every_step(&grid, &camera, &view, 1));
         let pairs = [
             (fast.hidden, slow.hidden),
             (fast.expected, slow.expected),
@@ -222,7 +224,7 @@ fn where_misses_mean_nothing_the_same_stops_the_rays() {
     let [told, untold] = [true, false].map(|carves| Marcher::new(&grid, carves));
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6]] {
         let view = View { target: Point3::new(0.01, 0.02, 0.0), position: at.into() };
-        let [a, b] = [&told, &untold].map(|m| m.forecast(&state.camera, &view, 4, 0.002));
+        let [a, b] = [&told, &untold].map(|m| m.forecast(&state.camera, &view.world_from_camera(), 4, 0.002));
         let pairs = [(a.expected, b.expected), (a.known + a.known_behind, b.known_behind), (a.covered, b.covered)];
         assert!(a.expected + a.known > 500.0 && b.known == 0.0, "{at:?} sees {a:?}, {b:?}");
         assert!(pairs.iter().all(|(a, b)| (a - b).abs() <= 32.0 + 0.002 * b), "{at:?}: {a:?} {b:?}");
@@ -313,7 +315,7 @@ fn a_scene_that_fills_the_image_is_sampled_coarser() {
     // The ball from near, at two resolutions: the finer one is over the limit.
     let [coarse, fine] = [(320, 240), (1280, 960)].map(|(w, h)| {
         let camera = PinholeCamera::from_fov_y(w, h, 1.0);
-        let f = marcher.forecast(&camera, &from_z(0.3), 1, 0.002);
+        let f = marcher.forecast(&camera, &from_z(0.3).world_from_camera(), 1, 0.002);
         [f.hidden, f.known, f.covered].map(|n| n / f64::from(w * h))
     });
     for (a, b) in coarse.iter().zip(fine) {
@@ -395,13 +397,13 @@ fn areas_are_those_of_the_ball() {
     for camera in [PinholeCamera::default(), PinholeCamera::from_fov_y(640, 480, 0.6)] {
         let stride = |distance: f64| ray_stride(&camera, distance, grid.voxel);
         for distance in [0.5, 1.2, 2.0] {
-            let seen = marcher.forecast(&camera, &from_z(distance), stride(distance), 0.002).area;
+            let seen = marcher.forecast(&camera, &from_z(distance).world_from_camera(), stride(distance), 0.002).area;
             // From farther away no more of it is known.
             let shown = 2.0 * std::f64::consts::PI * 0.08 * 0.08 * (1.0 - 0.08 / distance.min(1.2));
             assert!((seen.known / shown - 1.0).abs() < 0.1, "{distance} m: {:.4} m2, true {shown:.4}", seen.known);
         }
         let stride = stride(1.2);
-        let behind = marcher.forecast(&camera, &from_z(-1.2), stride, 0.002).area;
+        let behind = marcher.forecast(&camera, &from_z(-1.2).world_from_camera(), stride, 0.002).area;
         assert!(behind.expected < 2.0 * cap && behind.expected > 0.3 * cap, "{behind:?}");
         assert!(behind.covered <= behind.expected, "{behind:?}");
     }
@@ -416,4 +418,17 @@ fn what_a_scan_covers_of_a_surface_follows_from_its_pixels() {
     assert!(share(1.0, 0.3, 1.0) < 0.6, "a slope is seen in rows");
     let falls = (1..60).map(|k| share(0.1 * k as f32, 0.8, 1.0)).collect::<Vec<_>>();
     assert!(falls.windows(2).all(|w| w[1] <= w[0] + 0.12), "without a jump up: {falls:?}");
+}
+
+#[test]
+fn given_views_are_scored_and_none_is_invented() {
+    let mut state = ball(Misses::Free);
+    let poses = [from_z(1.2), from_z(-1.2), View { target: Point3::origin(), position: Point3::new(1.2, 0.0, 0.0) }];
+    state.given_views = poses.iter().map(View::world_from_camera).collect();
+    let mut planner = VolumetricPlanner::new(VolumetricConfig { gain_only: true, ..Default::default() });
+    let ranked = planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
+    let place = |r: &RankedView| state.given().iter().position(|v| *v == r.view).expect("one of those given");
+    let order: Vec<usize> = ranked.iter().map(place).collect();
+    assert_eq!((order.len(), order[2]), (3, 0), "where the camera was comes last: {order:?}");
+    assert!(ranked[2].overlap > Some(0.7) && ranked[2].gain < Some(0.05), "{:?}", ranked[2]);
 }

@@ -1,0 +1,183 @@
+//! What a view was told to bring, and what it brings: working distance x points kept x camera x evidence. The first scan of
+//! each object goes to a session as a robot's would; the surface that a view shows is counted by samples of the mesh that
+//! its depth image holds. Per cell: the gain told of the first choice over the true one (median over the objects, and the
+//! share within 0.67 to 1.5), the rank correlation of both over the candidates, the overlap told and true, the largest
+//! score.
+//!
+//! ```text
+//! cargo run --release -p datagen --example gain_matrix -- [--root DIR] [--objects 8] [--scans 1]
+//! ```
+
+use anyhow::Result;
+use clap::Parser;
+use datagen::dataset::{DatasetConfig, DatasetName, list_objects, load_mesh};
+use datagen::{EpisodeConfig, RenderConfig, RenderScratch, Scene};
+use geometry::rank_correlation::rank_correlation;
+use geometry::rng::stream;
+use geometry::sampling::sample_surface;
+use geometry::{PinholeCamera, PointCloud, View};
+use nalgebra::Point3;
+use planning::config::CameraConfig;
+use planning::{Misses, Scan, Session, SessionConfig};
+
+#[derive(Parser)]
+struct Arguments {
+    /// Meshes; procedural objects without it.
+    #[arg(long)]
+    root: Option<std::path::PathBuf>,
+    /// How many.
+    #[arg(long, default_value_t = 8)]
+    objects: usize,
+    /// Scans before the decision: the first from above, the others where the planner said.
+    #[arg(long, default_value_t = 1)]
+    scans: usize,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Given {
+    Background,
+    Depth,
+    Positions,
+    Clouds,
+}
+
+/// An object with samples of its surface, by area.
+struct Object {
+    scene: Scene,
+    samples: Vec<Point3<f64>>,
+    name: String,
+}
+
+/// What became of one decision.
+struct Outcome {
+    told: f64,
+    truth: f64,
+    correlation: f64,
+    overlap: [f64; 2],
+    score: f64,
+}
+
+fn main() -> Result<()> {
+    let args = Arguments::parse();
+    let name = if args.root.is_some() { DatasetName::Folder } else { DatasetName::Procedural };
+    let config = DatasetConfig { name, root: args.root, objects: Some(args.objects), ..Default::default() };
+    let mut objects = Vec::new();
+    for object in list_objects(&config, 0, 0.0)? {
+        let mesh = load_mesh(&object)?.normalized(0.2);
+        let samples = sample_surface(&mesh, 20_000, &mut stream(1, &object.name));
+        objects.push(Object { scene: Scene::new(mesh), samples, name: object.name });
+    }
+    println!(
+        "| distance m | points kept | camera | evidence | told / true | within | rank | overlap told | true | score |"
+    );
+    println!("| ---: | ---: | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |");
+    let default = (1.2, 10_000, (1280, 720, 70.0), Given::Background);
+    let mut cells = vec![default];
+    cells.extend([0.2, 0.3, 0.6, 0.9, 2.0, 3.0].map(|distance| (distance, default.1, default.2, default.3)));
+    cells.extend([1_000, 3_000, 100_000].map(|kept| (0.4, kept, default.2, default.3)));
+    cells.extend([1_000, 3_000, 100_000].map(|kept| (0.4, kept, default.2, Given::Positions)));
+    cells.extend(
+        [(320, 240, 50.0), (640, 480, 50.0), (4000, 3000, 50.0)].map(|camera| (0.6, default.1, camera, default.3)),
+    );
+    cells.extend([Given::Depth, Given::Positions, Given::Clouds].map(|given| (1.2, default.1, default.2, given)));
+    cells.extend([Given::Depth, Given::Positions, Given::Clouds].map(|given| (0.5, default.1, default.2, given)));
+    let (mut good, mut all) = (0, 0);
+    for (distance, kept, (width, height, fov_y_deg), given) in cells {
+        let camera = CameraConfig { width, height, fov_y_deg, intrinsics: None };
+        let config = SessionConfig { working_distance_m: distance, max_points: kept, camera, ..Default::default() };
+        let found: Vec<Outcome> =
+            objects.iter().filter_map(|o| decide(o, &config, given, args.scans).transpose()).collect::<Result<_>>()?;
+        let median = |f: &dyn Fn(&Outcome) -> f64| {
+            let mut values: Vec<f64> = found.iter().map(f).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+        };
+        let within = found.iter().filter(|o| (0.67..=1.5).contains(&(o.told / o.truth))).count();
+        (good, all) = (good + within, all + found.len());
+        let name = match given {
+            Given::Background => "depth with background",
+            Given::Depth => "depth",
+            Given::Positions => "camera positions",
+            Given::Clouds => "clouds",
+        };
+        println!(
+            "| {distance} | {kept} | {width} x {height} | {name} | {:.2} | {within} of {} | {:.2} | {:.2} | {:.2} | {:.2} |",
+            median(&|o| o.told / o.truth),
+            found.len(),
+            median(&|o| o.correlation),
+            median(&|o| o.overlap[0]),
+            median(&|o| o.overlap[1]),
+            found.iter().map(|o| o.score).fold(0.0, f64::max),
+        );
+    }
+    println!("\n{good} of {all} decisions within 0.67 to 1.5");
+    Ok(())
+}
+
+/// One decision after so many scans; `None` where there is no view.
+fn decide(object: &Object, config: &SessionConfig, given: Given, scans: usize) -> Result<Option<Outcome>> {
+    let camera = config.camera.camera();
+    let mut session = Session::new(config.clone(), None)?;
+    let mut seen = vec![false; object.samples.len()];
+    let mut rng = stream(0, &object.name);
+    let episode = EpisodeConfig { working_distance_m: config.working_distance_m, ..Default::default() };
+    let mut view = datagen::episode::initial_view(&episode, &mut rng);
+    for _ in 0..scans {
+        let (scan, shows) = look(object, &camera, &view, given);
+        seen.iter_mut().zip(&shows).for_each(|(seen, shows)| *seen |= shows);
+        session.add_scan(scan)?;
+        match session.next_view()?.next {
+            Some(next) => view = View { target: next.target_m.into(), position: next.position_m.into() },
+            None => return Ok(None),
+        }
+    }
+    let answer = session.next_view()?;
+    let true_of = |target: [f64; 3], position: [f64; 3]| {
+        let view = View { target: target.into(), position: position.into() };
+        let (_, shows) = look(object, &camera, &view, given);
+        let count = |f: fn(bool, bool) -> bool| seen.iter().zip(&shows).filter(|(a, b)| f(**a, **b)).count() as f64;
+        let (new, again) = (count(|seen, shows| shows && !seen), count(|seen, shows| shows && seen));
+        (new / seen.len() as f64, again / (new + again).max(1.0))
+    };
+    let Some(next) = &answer.next else { return Ok(None) };
+    let (truth, overlap) = true_of(next.target_m, next.position_m);
+    let told: Vec<f64> = answer.candidates.iter().map(|c| c.expected_gain.unwrap_or(0.0)).collect();
+    let truths: Vec<f64> = answer.candidates.iter().map(|c| true_of(c.target_m, c.position_m).0).collect();
+    Ok(Some(Outcome {
+        told: next.expected_gain.unwrap_or(0.0),
+        truth,
+        correlation: rank_correlation(&told, &truths).unwrap_or(0.0),
+        overlap: [next.expected_overlap.unwrap_or(0.0), overlap],
+        score: answer.candidates.iter().map(|c| c.score).fold(0.0, f64::max),
+    }))
+}
+
+/// The scan from a view as it is given, and which samples it shows.
+fn look(object: &Object, camera: &PinholeCamera, view: &View, given: Given) -> (Scan, Vec<bool>) {
+    let pose = view.world_from_camera();
+    let mut scratch = RenderScratch::default();
+    let depth = object.scene.render(camera, &pose, &RenderConfig::default(), &mut scratch).clone();
+    let camera_from_world = pose.inverse();
+    let margin = |z: f64| (2.0 * camera.pixel_size(z)).max(0.002);
+    let shows = |p: &Point3<f64>| {
+        let local = camera_from_world * p;
+        let pixel = camera.project(&local);
+        let at =
+            [pixel.x.round() as i64 - i64::from(depth.origin[0]), pixel.y.round() as i64 - i64::from(depth.origin[1])];
+        let inside = local.z > 0.0 && (0..2).all(|k| at[k] >= 0 && at[k] < i64::from(depth.size[k]));
+        let measured =
+            if inside { f64::from(depth.depth[(at[1] * i64::from(depth.size[0]) + at[0]) as usize]) } else { 0.0 };
+        measured > 0.0 && (local.z - measured).abs() < margin(local.z)
+    };
+    let shows = object.samples.iter().map(shows).collect();
+    let points = || PointCloud { points: depth.to_points(camera, &pose), normals: Vec::new() };
+    let scan = match given {
+        Given::Background | Given::Depth => {
+            let misses = if given == Given::Background { Misses::Free } else { Misses::Unknown };
+            Scan::Depth { camera: *camera, depth, world_from_camera: pose, misses }
+        }
+        Given::Positions => Scan::Cloud { cloud: points(), from: Some(view.position) },
+        Given::Clouds => Scan::Cloud { cloud: points(), from: None },
+    };
+    (scan, shows)
+}

@@ -1,0 +1,50 @@
+//! What a planner says of a session's state, asked once for all requests.
+
+use super::SessionError;
+use crate::config::{PlannerName, SessionConfig};
+use crate::planners::auto::AutoPlanner;
+use crate::{PlanError, RankedView, ScanState};
+use geometry::{BoundaryConfig, boundary_among, rng};
+
+/// The views of a planner, best first for each working distance, and the boundary points of the cloud.
+#[derive(Clone, Debug)]
+pub(super) struct Ranking {
+    pub(super) views: Vec<(RankedView, f64)>,
+    pub(super) boundary: usize,
+}
+
+/// Asks a planner at every working distance.
+///
+/// # Errors
+/// A planner that fails, or has no view though the surface is open.
+pub(super) fn rank(
+    planners: &mut AutoPlanner,
+    state: &mut ScanState,
+    config: &SessionConfig,
+    num_scans: usize,
+    planner: PlannerName,
+) -> Result<Ranking, SessionError> {
+    let mut views: Vec<(RankedView, f64)> = Vec::new();
+    let mut distances = config.working_distances();
+    if !state.given_views.is_empty() {
+        distances.truncate(1);
+    }
+    for distance in distances {
+        // One stream for all distances: the candidates differ by the distance alone.
+        let mut rng = rng::stream(config.seed, &format!("infer/view/{num_scans}"));
+        state.working_distance = distance;
+        match planners.rank(planner, state, &mut rng) {
+            Ok(ranked) => views.extend(ranked.into_iter().map(|view| (view, distance))),
+            Err(PlanError::NoBoundary) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let boundary = BoundaryConfig::default();
+    let near = state.neighborhoods(boundary.neighbors);
+    let boundary = boundary_among(&state.cloud, &near, near.mean_distance(), &boundary).len();
+    if views.is_empty() && boundary > 0 && state.given_views.is_empty() {
+        let why = format!("none of the {boundary} boundary points has a normal to look along");
+        return Err(PlanError::no_view(planner.as_str(), why).into());
+    }
+    Ok(Ranking { views, boundary })
+}
