@@ -158,7 +158,7 @@ fn look(object: &Object, camera: &PinholeCamera, view: &View, given: Given) -> (
     let mut scratch = RenderScratch::default();
     let depth = object.scene.render(camera, &pose, &RenderConfig::default(), &mut scratch).clone();
     let camera_from_world = pose.inverse();
-    let margin = |z: f64| (2.0 * camera.pixel_size(z)).max(0.002);
+    let margin = |z: f64| camera.pixel_size(z).max(0.002);
     let shows = |p: &Point3<f64>| {
         let local = camera_from_world * p;
         let pixel = camera.project(&local);

@@ -106,6 +106,10 @@ impl Area {
 /// Surface is not taken to be seen under a smaller cosine: no sensor sees it so well.
 const GRAZING: f32 = 0.1;
 
+/// The same for the membrane, whose normals are as coarse as its voxels: so that the gain told is the true one on the mean
+/// (the example `gain_matrix` of `datagen`).
+const COARSE: f32 = 0.45;
+
 /// Share of a surface within `tolerance` of points that are `pitch` apart one way and `pitch / cosine` the other.
 pub(super) fn covered_share(pitch: f32, cosine: f32, tolerance: f32) -> f32 {
     // The part of a disc that is nearer to its own point than to the next in the row.
@@ -179,7 +183,7 @@ impl Marcher<'_> {
                             counts[1] += 1;
                             let cosine = self.expected_cosine(index, &ray.into());
                             let seen = across(at) / f64::from(cosine);
-                            area.expected += seen;
+                            area.expected += across(at) / f64::from(cosine.max(COARSE));
                             area.covered += seen * f64::from(covered_share(at * off_axis * pitch, cosine, tolerance));
                         }
                         Hit::Known { hidden, voxel, cosine, at } => {
