@@ -61,6 +61,7 @@ impl From<SessionError> for Refusal {
             SessionError::Choose(_) => "planner_unusable",
             SessionError::NoScan => "no_scan",
             SessionError::TooFewPoints { .. } => "too_few_points",
+            SessionError::TooSmall { .. } => "too_small",
             SessionError::Plan(_) => "planner_failed",
             SessionError::NoCurrentPosition => "no_current_position",
         };

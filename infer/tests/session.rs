@@ -315,3 +315,53 @@ fn scanning_stops_where_the_next_view_is_not_worth_it() {
     assert!(!stops(0.0) && !stops(0.05), "after one scan a view adds much");
     assert!(stops(0.9), "nine tenths of the surface are never to be expected");
 }
+
+#[test]
+fn marks_for_no_return_and_clouds_of_no_size_end_at_once() {
+    let sheet = |scale: f64| -> Vec<Point3<f64>> {
+        (0..400).map(|i| Point3::new(f64::from(i % 20), f64::from(i / 20), 0.0) * (0.005 * scale)).collect()
+    };
+    let scan = |points| Scan::Cloud {
+        cloud: PointCloud { points, normals: Vec::new() },
+        from: Some(Point3::new(0.0, 0.0, 1.0)),
+    };
+    for mark in [2e6, 2e19, 1e30, f64::from(f32::MAX), 1e39, f64::MAX] {
+        let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+        let mut points = sheet(1.0);
+        points.push(Point3::new(mark, 0.0, -mark));
+        let report = session.add_scan(scan(points)).expect("the sheet stays");
+        assert_eq!((report.out_of_range, report.used), (1, 400), "{mark:e}");
+        let answer = session.next_view().expect("an answer");
+        assert!(answer.next.is_some() && answer.warnings.iter().any(|w| w.contains("no return")), "{mark:e}");
+    }
+    for scale in [1e-38, 1e-300, 1e-9] {
+        let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+        let error = session.add_scan(scan(sheet(scale))).expect_err("no cloud").to_string();
+        assert!(error.contains("smaller than a micrometre"), "{scale:e}: {error}");
+    }
+}
+
+#[test]
+fn given_views_are_taken_one_after_another_and_another_request_asks_no_planner() {
+    let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+    let turn = |degrees: f64| {
+        let position = Point3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+        geometry::View { target: Point3::origin(), position }.world_from_camera()
+    };
+    session.set_given_views((0..4).map(|k| turn(90.0 * f64::from(k))).collect());
+    let points = (0..2500)
+        .map(|i| Point3::new(f64::from(i % 50) * 0.002 - 0.05, f64::from(i / 50) * 0.002 - 0.05, 0.02))
+        .collect();
+    let from = Some(Point3::new(0.0, 0.0, 1.0));
+    session.add_scan(Scan::Cloud { cloud: PointCloud { points, normals: Vec::new() }, from }).expect("a scan");
+    let answer = session.next_view().expect("an answer");
+    assert_eq!(answer.candidates.len(), 4, "none is invented");
+    let used = answer.candidates.iter().find(|c| c.given == Some(0)).expect("the first is among them");
+    assert!(used.objections.iter().any(|o| o.reason.contains("scanned from here")), "{:?}", used.objections);
+    let next = answer.next.expect("three are left");
+    let pose = turn(90.0 * next.given.expect("one of those given") as f64);
+    assert_eq!(next.world_from_camera, planning::pose::Pose::from(&pose), "as it was given");
+    let elsewhere = planning::session::Request { current_position_m: Some([1.0, 0.0, 0.0]) };
+    let again = session.next_view_for(&elsewhere).expect("an answer");
+    assert_eq!(again.next.map(|n| n.score), Some(next.score), "the planner's score stays");
+}

@@ -20,6 +20,18 @@ pub(crate) const NORMAL_NEIGHBORS: usize = 20;
 /// Coordinates farther from the origin than this are none, metres: marks such as 1e30 that stand for no return.
 pub const FARTHEST_M: f64 = 1e6;
 
+/// A cloud that is smaller across is none, metres.
+pub const SMALLEST_M: f64 = 1e-6;
+
+/// Why a scan cannot be planned on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Refusal {
+    /// What became of its points.
+    TooFew(ScanReport),
+    /// How large it is, metres.
+    TooSmall(f64),
+}
+
 /// What a scan is known by, world frame, metres.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Scan {
@@ -58,9 +70,11 @@ impl Scan {
 pub struct ScanReport {
     /// Points given.
     pub read: usize,
-    /// With a coordinate that is not finite (pixels without a return, in organised clouds) or beyond [`FARTHEST_M`], as
-    /// the marks of some sensors for no return are.
+    /// With a coordinate that is not finite (pixels without a return, in organised clouds).
     pub not_finite: usize,
+    /// With a coordinate beyond [`FARTHEST_M`], as the marks of some sensors for no return are.
+    #[serde(default)]
+    pub out_of_range: usize,
     /// Outside the region of interest.
     pub outside_region: usize,
     /// Dropped as far from all others.
@@ -77,6 +91,7 @@ impl ScanReport {
         let mut line = format!("{} points", self.read);
         let parts = [
             (self.not_finite, "without a position"),
+            (self.out_of_range, "farther away than a million metres"),
             (self.outside_region, "outside the region"),
             (self.thinned, "thinned out"),
             (self.outliers, "outliers dropped"),
@@ -118,15 +133,15 @@ pub(crate) fn neighborhoods(points: &[Point3<f64>]) -> Neighborhoods {
 /// Cleans and thins a scan and gives it normals; the neighbours of its points come with it where they were needed.
 ///
 /// # Errors
-/// The counts, where fewer than `min_points` points remain.
+/// Fewer than `min_points` points remain, or they are nearer together than any sensor resolves.
 pub(crate) fn prepare(
     mut scan: Scan,
     config: &SessionConfig,
-) -> Result<(PreparedScan, Option<Neighborhoods>), ScanReport> {
+) -> Result<(PreparedScan, Option<Neighborhoods>), Refusal> {
     let raw = match &mut scan {
         Scan::Cloud { cloud, .. } => std::mem::take(cloud),
         Scan::Depth { camera, depth, world_from_camera, .. } => {
-            depth.depth.iter_mut().filter(|d| !(f64::from(**d) <= FARTHEST_M)).for_each(|d| *d = 0.0);
+            depth.depth.iter_mut().filter(|d| d.is_nan() || f64::from(**d) > FARTHEST_M).for_each(|d| *d = 0.0);
             PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() }
         }
     };
@@ -137,13 +152,20 @@ pub(crate) fn prepare(
             && (!has_normals || raw.normals[*i].iter().all(|x| x.is_finite()))
     };
     let mut kept: Vec<usize> = (0..raw.len()).filter(finite).collect();
-    report.not_finite = raw.len() - kept.len();
+    let far = |p: &&Point3<f64>| p.iter().all(|x| x.is_finite()) && p.coords.amax() > FARTHEST_M;
+    report.out_of_range = raw.points.iter().filter(far).count();
+    report.not_finite = raw.len() - kept.len() - report.out_of_range;
     if let Some([low, high]) = config.region_m {
         let before = kept.len();
         kept.retain(|&i| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&raw.points[i][axis])));
         report.outside_region = before - kept.len();
     }
     let all = thin::select(&raw, &kept);
+    let (low, high) = all.bounding_box();
+    let across = (high - low).amax();
+    if across > 0.0 && across < SMALLEST_M {
+        return Err(Refusal::TooSmall(across));
+    }
     let radius = thin::radius_for(&all.points, config.max_points, config.seed);
     let mut cloud = thin::select(&all, &thin::thin(&all.points, radius));
     report.thinned = all.len() - cloud.len();
@@ -160,7 +182,7 @@ pub(crate) fn prepare(
     }
     report.used = cloud.len();
     if cloud.len() < config.min_points {
-        return Err(report);
+        return Err(Refusal::TooFew(report));
     }
     let forward = match &scan {
         Scan::Depth { world_from_camera, .. } => Some(world_from_camera * Vector3::z()),

@@ -9,7 +9,7 @@ use crate::config::{ConfigError, SessionConfig};
 use crate::constraints::{Objection, Surroundings, count_exclusions};
 use crate::planners::auto::{AutoPlanner, ChooseError, Network};
 use crate::pose::{Pose, world_from_camera};
-use crate::scan::{PreparedScan, Scan, ScanReport, prepare};
+use crate::scan::{PreparedScan, Refusal, Scan, ScanReport, prepare};
 use crate::{Accumulate, Evidence, PlanError, Planner};
 use crate::{PastScan, ScanState, Seen};
 use crate::{accumulate, overlap, stop, thin};
@@ -37,6 +37,15 @@ pub enum SessionError {
         report: ScanReport,
         /// The setting `min_points`.
         least: usize,
+    },
+    /// A cloud of no size.
+    #[error(
+        "the cloud is {across_m:.1e} m across, smaller than a micrometre: is its unit right (--unit mm takes numbers as \
+         millimetres)?"
+    )]
+    TooSmall {
+        /// Diagonal of its box, metres.
+        across_m: f64,
     },
     /// The planner has no view for a reason that is no end.
     #[error(transparent)]
@@ -162,8 +171,10 @@ impl Session {
     /// Too few usable points: the session stays as it was.
     pub fn add_scan(&mut self, scan: Scan) -> Result<ScanReport, SessionError> {
         let least = self.config.min_points;
-        let (prepared, near) =
-            prepare(scan, &self.config).map_err(|report| SessionError::TooFewPoints { report, least })?;
+        let (prepared, near) = prepare(scan, &self.config).map_err(|refusal| match refusal {
+            Refusal::TooFew(report) => SessionError::TooFewPoints { report, least },
+            Refusal::TooSmall(across_m) => SessionError::TooSmall { across_m },
+        })?;
         let report = prepared.report.clone();
         self.scans.push(prepared);
         self.take_in(self.scans.len() - 1);

@@ -2,6 +2,7 @@
 
 use super::Session;
 use crate::answer::{Candidate, length};
+use crate::scan::FARTHEST_M;
 use nalgebra::Point3;
 
 impl Session {
@@ -12,6 +13,10 @@ impl Session {
         let (read, used): (usize, usize) = reports().fold((0, 0), |(r, u), x| (r + x.read, u + x.used));
         if reports().map(|r| r.thinned).sum::<usize>() * 10 > read {
             warnings.push(format!("thinned to {used} of {read} points before planning (max_points)"));
+        }
+        let far: usize = reports().map(|r| r.out_of_range).sum();
+        if far > 0 {
+            warnings.push(format!("left out {far} points farther away than {FARTHEST_M:.0e} m: marks for no return?"));
         }
         let outliers: usize = reports().map(|r| r.outliers).sum();
         if outliers > 0 {

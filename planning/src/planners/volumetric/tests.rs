@@ -405,7 +405,7 @@ fn areas_are_those_of_the_ball() {
         let stride = stride(1.2);
         let behind = marcher.forecast(&camera, &from_z(-1.2).world_from_camera(), stride, 0.002).area;
         assert!(behind.expected < 2.0 * cap && behind.expected > 0.3 * cap, "{behind:?}");
-        assert!(behind.covered <= behind.expected, "{behind:?}");
+        assert!(behind.known == 0.0 && behind.covered > 0.0, "{behind:?}");
     }
 }
 
