@@ -53,7 +53,14 @@ pub fn matched(
 /// Indices of the points of all scans together that stay: about as dense as averaging with the grid size would leave
 /// them, and about `max_points` of them at most.
 pub fn thinned(points: &[Point3<f64>], grid_size: f64, max_points: usize, seed: u64) -> Vec<usize> {
-    thin::thin(points, (0.73 * grid_size).max(thin::radius_for(points, max_points, seed)))
+    let least = 0.73 * grid_size;
+    let kept = thin::thin(points, least);
+    if max_points == 0 || kept.len() <= max_points {
+        return kept;
+    }
+    let left: Vec<Point3<f64>> = kept.iter().map(|&i| points[i]).collect();
+    let spacing = thin::spacing_of_all(&left, max_points, seed);
+    thin::thin(points, thin::radius_for(&left, max_points, spacing, seed).max(least))
 }
 
 /// Surface samples averaged like the cloud: what coverage is a share of.

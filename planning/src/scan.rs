@@ -166,7 +166,9 @@ pub(crate) fn prepare(
     if across > 0.0 && across < SMALLEST_M {
         return Err(Refusal::TooSmall(across));
     }
-    let radius = thin::radius_for(&all.points, config.max_points, config.seed);
+    let too_many = config.max_points > 0 && all.len() > config.max_points;
+    let spacing_of_all = if too_many { thin::spacing_of_all(&all.points, config.max_points, config.seed) } else { 0.0 };
+    let radius = thin::radius_for(&all.points, config.max_points, spacing_of_all, config.seed);
     let mut cloud = thin::select(&all, &thin::thin(&all.points, radius));
     report.thinned = all.len() - cloud.len();
     let mut near = None;
@@ -217,10 +219,7 @@ pub(crate) fn prepare(
         past = estimated_scans(&mut cloud, &measured, distance, spacing);
     }
     let past = past.into_iter().map(Arc::new).collect();
-    let measured_spacing = match report.thinned * 10 > all.len() {
-        true => thin::spacing_of_all(&all.points, config.max_points, config.seed).min(spacing),
-        false => spacing,
-    };
+    let measured_spacing = if radius > 0.0 { spacing_of_all.min(spacing) } else { spacing };
     Ok((PreparedScan { past, cloud, spacing, measured_spacing, report }, near))
 }
 

@@ -80,22 +80,25 @@ impl std::hash::Hasher for CellHash {
 }
 
 /// The radius that thins a cloud to about `target` points, within a tenth; 0 where there are no more, and for target 0.
-/// Searched for on at most eight times as many points, taken at random.
-pub fn radius_for(points: &[Point3<f64>], target: usize, seed: u64) -> f64 {
+/// `spacing` is that of all points ([`spacing_of_all`]), from which the search starts, on at most four times as many points
+/// as shall stay, taken at random.
+pub fn radius_for(points: &[Point3<f64>], target: usize, spacing: f64, seed: u64) -> f64 {
     if target == 0 || points.len() <= target {
         return 0.0;
     }
-    let some = sample(points, 8 * target, seed, "infer/thin");
+    let some = sample(points, 4 * target, seed, "infer/thin");
+    let spacing = spacing * (points.len() as f64 / some.len() as f64).sqrt();
     // More points leave a few more room to fit.
-    let wanted = if some.len() < points.len() { target * 19 / 20 } else { target };
+    let more = 1.0 + 0.25 * (1.0 - some.len() as f64 / points.len() as f64);
+    let wanted = (target as f64 / more) as usize;
     let (mut low, mut high) = (0.0, f64::INFINITY);
-    let mut radius = 0.8 * (some.len() as f64 / target as f64 - 1.0).sqrt() * 2.0 * mean_spacing(&some);
+    let mut radius = 0.8 * (some.len() as f64 / target as f64 - 1.0).sqrt() * 2.0 * spacing;
     for _ in 0..SEARCHES {
         if !(radius > 0.0 && radius.is_finite()) {
             break;
         }
         let left = thin(&some, radius).len();
-        if left.abs_diff(wanted) * 33 <= wanted {
+        if left.abs_diff(wanted) * 20 <= wanted {
             break;
         }
         if left > wanted {

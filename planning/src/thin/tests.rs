@@ -36,13 +36,13 @@ fn thinning_equals_the_quadratic_definition() {
 fn about_as_many_points_stay_as_asked_for() {
     for count in [1_001, 1_100, 2_000, 5_000, 30_000] {
         let points = random_sphere(count, 3);
-        let kept = thin(&points, radius_for(&points, 1_000, 0)).len();
+        let kept = thin(&points, radius_for(&points, 1_000, spacing_of_all(&points, 1_000, 0), 0)).len();
         assert!((900..=1_100).contains(&kept), "{kept} of {count}");
     }
     // A lattice, where all neighbours are equally far: more than half of it goes at once.
     let lattice: Vec<_> =
         (0..10_201).map(|i| Point3::new(f64::from(i % 101), f64::from(i / 101), 0.0) * 0.001).collect();
-    let kept = thin(&lattice, radius_for(&lattice, 10_000, 0)).len();
+    let kept = thin(&lattice, radius_for(&lattice, 10_000, spacing_of_all(&lattice, 1_000, 0), 0)).len();
     assert!(kept >= 5_000, "{kept} of a lattice of 10,201");
 }
 
@@ -52,7 +52,10 @@ fn thinning_moves_with_the_cloud_and_its_unit() {
     let motion = Isometry3::new(Vector3::new(5.0, -3.0, 0.7), Vector3::new(0.3, 1.1, -0.4));
     let moved: Vec<_> = points.iter().map(|p| Point3::from((motion * p).coords * 1000.0)).collect();
     assert_eq!(thin(&points, 0.05), thin(&moved, 50.0), "the same points are kept");
-    let (a, b) = (radius_for(&points, 500, 7), radius_for(&moved, 500, 7));
+    let (a, b) = (
+        radius_for(&points, 500, spacing_of_all(&points, 1_000, 0), 7),
+        radius_for(&moved, 500, spacing_of_all(&moved, 1_000, 0), 7),
+    );
     assert!((b / a - 1000.0).abs() < 1e-6, "the radius scales: {a} {b}");
 }
 
@@ -60,11 +63,11 @@ fn thinning_moves_with_the_cloud_and_its_unit() {
 fn the_radius_gives_about_the_number_asked_for() {
     let mut points = random_sphere(60_000, 3);
     for target in [500, 5_000, 10_000] {
-        let count = thin(&points, radius_for(&points, target, 0)).len();
+        let count = thin(&points, radius_for(&points, target, spacing_of_all(&points, 1_000, 0), 0)).len();
         assert!((0.87..1.13).contains(&(count as f64 / target as f64)), "{count} for {target}");
     }
     points.extend_from_within(..);
-    let count = thin(&points, radius_for(&points, 5_000, 0)).len();
+    let count = thin(&points, radius_for(&points, 5_000, spacing_of_all(&points, 1_000, 0), 0)).len();
     assert!((4_500..5_500).contains(&count), "every point twice: {count}");
 }
 
@@ -88,6 +91,6 @@ fn duplicates_and_outliers_go() {
 fn degenerate_clouds_survive() {
     assert!(thin(&[], 1.0).is_empty(), "no point");
     assert_eq!(thin(&[Point3::origin(); 9], 0.1), vec![0], "one place");
-    assert_eq!(radius_for(&[Point3::origin(); 500], 100, 0), 0.0, "one place has no spacing");
+    assert_eq!(radius_for(&[Point3::origin(); 500], 100, 0.0, 0), 0.0, "one place has no spacing");
     assert_eq!(without_outliers(&[Point3::origin(); 20], 6.0).len(), 20, "no distance is far");
 }

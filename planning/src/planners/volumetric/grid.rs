@@ -78,6 +78,12 @@ pub(super) struct SurfaceVoxel {
     pub(super) covered: f32,
 }
 
+/// The middle of the first voxel in the frame of a camera, and the steps to the next along each axis, metres.
+pub(super) struct Projection {
+    pub(super) corner: [f32; 3],
+    pub(super) axes: [[f32; 3]; 3],
+}
+
 impl VoxelGrid {
     pub(super) fn new(center: &Point3<f64>, half: f64, voxel: f64) -> Self {
         let voxel = voxel.max(2.0 * half / MAX_SIDE as f64);
@@ -182,12 +188,6 @@ impl VoxelGrid {
         self.unknown.retain(|&i| matches!(code[i as usize], HOLLOW | SOLID));
     }
 
-    /// Middle of a voxel, world frame.
-    pub(super) fn middle(&self, index: u32) -> Point3<f64> {
-        let [x, y, z] = self.coordinates(index).map(|c| (c as f64 + 0.5) * self.voxel);
-        self.low + Vector3::new(x, y, z)
-    }
-
     fn mark_surface(&mut self, p: &Point3<f64>) {
         let Some(i) = self.index(p) else { return };
         if self.code[i] != SURFACE {
@@ -205,14 +205,17 @@ impl VoxelGrid {
         }
     }
 
-    /// Unknown voxels whose middle is nearer than the depth of its pixel are free; on a miss all, if misses mean that.
-    fn carve_depth(&mut self, pose: &Isometry3<f64>, camera: &PinholeCamera, depth: &DepthImage, misses: Misses) {
-        let camera_from_world = pose.inverse();
+    /// Where a camera has the middles of the voxels.
+    pub(super) fn projection(&self, camera_from_world: &Isometry3<f64>) -> Projection {
         let rotation = camera_from_world.rotation.to_rotation_matrix();
         let corner = camera_from_world * (self.low + Vector3::repeat(0.5 * self.voxel));
-        let corner = [0, 1, 2].map(|k| corner[k] as f32);
         let axis = |a: usize| [0, 1, 2].map(|k| (rotation[(k, a)] * self.voxel) as f32);
-        let axes = [axis(0), axis(1), axis(2)];
+        Projection { corner: [0, 1, 2].map(|k| corner[k] as f32), axes: [axis(0), axis(1), axis(2)] }
+    }
+
+    /// Unknown voxels whose middle is nearer than the depth of its pixel are free; on a miss all, if misses mean that.
+    fn carve_depth(&mut self, pose: &Isometry3<f64>, camera: &PinholeCamera, depth: &DepthImage, misses: Misses) {
+        let Projection { corner, axes } = self.projection(&pose.inverse());
         let margin = (0.75 * self.voxel) as f32;
         let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5].map(|x| x as f32);
         let (width, height) = (camera.width as f32, camera.height as f32);

@@ -1,7 +1,7 @@
 //! Which part of a scan's image is background, where its misses do not say so: what lies outside of the outline of all
 //! that it measured. A dropout inside of the outline stays unknown.
 
-use super::grid::VoxelGrid;
+use super::grid::{Projection, VoxelGrid};
 use crate::{PastScan, Seen};
 use geometry::PinholeCamera;
 use nalgebra::{Isometry3, Point3};
@@ -81,6 +81,7 @@ impl Silhouette {
     }
 
     /// Whether a point (world frame) lies in front of or behind nothing but background.
+    #[cfg(test)]
     pub(super) fn is_background(&self, p: &Point3<f64>) -> bool {
         self.shows(p, &self.background)
     }
@@ -164,9 +165,25 @@ fn outside(cells: &[bool], size: [usize; 2]) -> Vec<bool> {
 impl VoxelGrid {
     /// Unknown voxels that a scan shows in front of background are free.
     pub(super) fn carve_background(&mut self, silhouette: &Silhouette) {
-        for k in 0..self.unknown.len() {
-            let i = self.unknown[k];
-            if silhouette.is_background(&self.middle(i)) {
+        let Projection { corner, axes } = self.projection(&silhouette.camera_from_world);
+        let scale = silhouette.scale as f32;
+        let [x0, y0] = silhouette.corner.map(|c| c as f32);
+        let [width, height] = silhouette.size.map(|n| n as f32);
+        let image = silhouette.image.map(|image| image.map(|at| at.map(|x| x as f32)));
+        for &i in &self.unknown {
+            let cell = self.coordinates(i).map(|x| x as f32);
+            let at = |k: usize| corner[k] + cell[0] * axes[0][k] + cell[1] * axes[1][k] + cell[2] * axes[2][k];
+            let z = at(2);
+            if z <= 0.0 {
+                continue;
+            }
+            let [x, y] = [at(0) / z, at(1) / z];
+            if image.is_some_and(|[from, to]| !(x > from[0] && y > from[1] && x < to[0] && y < to[1])) {
+                continue;
+            }
+            let [x, y] = [(x - x0) * scale, (y - y0) * scale];
+            let inside = x >= 0.0 && y >= 0.0 && x < width && y < height;
+            if !inside || silhouette.background[y as usize * silhouette.size[0] + x as usize] {
                 Self::free(&mut self.code, &mut self.membrane, i as usize);
             }
         }
