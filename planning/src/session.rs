@@ -1,16 +1,18 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
+mod error;
 mod ranking;
+mod request;
 mod warnings;
 
 use crate::accumulate::reference_surface;
 use crate::answer::{Answer, Candidate, CloudSummary, Stop};
-use crate::config::{ConfigError, SessionConfig};
+use crate::config::SessionConfig;
 use crate::constraints::{Objection, Surroundings, count_exclusions};
-use crate::planners::auto::{AutoPlanner, ChooseError, Network};
+use crate::planners::auto::{AutoPlanner, Network};
 use crate::pose::{Pose, world_from_camera};
 use crate::scan::{PreparedScan, Refusal, Scan, ScanReport, prepare};
-use crate::{Accumulate, Evidence, PlanError, Planner};
+use crate::{Accumulate, Evidence, Planner};
 use crate::{PastScan, ScanState, Seen};
 use crate::{accumulate, overlap, stop, thin};
 use geometry::{PointCloud, mean_spacing};
@@ -18,45 +20,8 @@ use nalgebra::{Isometry3, Point3};
 use ranking::{Ranking, rank};
 use std::sync::{Arc, OnceLock};
 
-/// Why no answer can be given.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SessionError {
-    /// A setting is out of range.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The planner asked for cannot work.
-    #[error(transparent)]
-    Choose(#[from] ChooseError),
-    /// Nothing to plan on.
-    #[error("there is no scan yet: add one first")]
-    NoScan,
-    /// A scan with too few usable points.
-    #[error("too few points to plan on: {}, at least {least} are needed", report.describe())]
-    TooFewPoints {
-        /// What became of them.
-        report: ScanReport,
-        /// The setting `min_points`.
-        least: usize,
-    },
-    /// A cloud of no size.
-    #[error(
-        "the cloud is {across_m:.1e} m across, smaller than a micrometre: is its unit right (--unit mm takes numbers as \
-         millimetres)?"
-    )]
-    TooSmall {
-        /// Diagonal of its box, metres.
-        across_m: f64,
-    },
-    /// The planner has no view for a reason that is no end.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// Travel is limited or weighed, from nowhere.
-    #[error(
-        "max_travel_m and travel_weight_per_m need the camera's position: set constraints.current_position_m, \
-         or give the position that the last scan was taken from (--from x,y,z)"
-    )]
-    NoCurrentPosition,
-}
+pub use error::SessionError;
+pub use request::Request;
 
 /// Of the spacing that thinning adds, so much more does a point stand for: the widest holes between points that are thinned
 /// to a radius reach about as far.
@@ -418,13 +383,6 @@ impl Session {
             near: OnceLock::new(),
         };
     }
-}
-
-/// What one request says beside the settings.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Request {
-    /// Where the camera is now, world frame, metres; else as the settings say, else where the last scan was taken.
-    pub current_position_m: Option<[f64; 3]>,
 }
 
 /// The points of all scans, thinned.

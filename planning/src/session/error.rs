@@ -1,0 +1,46 @@
+//! Why a session has no answer.
+
+use crate::PlanError;
+use crate::config::ConfigError;
+use crate::planners::auto::ChooseError;
+use crate::scan::ScanReport;
+
+/// Why no answer can be given.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SessionError {
+    /// A setting is out of range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The planner asked for cannot work.
+    #[error(transparent)]
+    Choose(#[from] ChooseError),
+    /// Nothing to plan on.
+    #[error("there is no scan yet: add one first")]
+    NoScan,
+    /// A scan with too few usable points.
+    #[error("too few points to plan on: {}, at least {least} are needed", report.describe())]
+    TooFewPoints {
+        /// What became of them.
+        report: ScanReport,
+        /// The setting `min_points`.
+        least: usize,
+    },
+    /// A cloud of no size.
+    #[error(
+        "the cloud is {across_m:.1e} m across, smaller than a micrometre: is its unit right (--unit mm takes numbers as \
+         millimetres)?"
+    )]
+    TooSmall {
+        /// Diagonal of its box, metres.
+        across_m: f64,
+    },
+    /// The planner has no view for a reason that is no end.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// Travel is limited or weighed, from nowhere.
+    #[error(
+        "max_travel_m and travel_weight_per_m need the camera's position: set constraints.current_position_m, \
+         or give the position that the last scan was taken from (--from x,y,z)"
+    )]
+    NoCurrentPosition,
+}

@@ -1,0 +1,8 @@
+//! What is asked of a session.
+
+/// What one request says beside the settings.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Request {
+    /// Where the camera is now, world frame, metres; else as the settings say, else where the last scan was taken.
+    pub current_position_m: Option<[f64; 3]>,
+}
