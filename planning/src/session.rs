@@ -57,24 +57,23 @@ impl Session {
     /// A setting out of range.
     pub fn new(config: SessionConfig, network: Option<Network>) -> Result<Self, SessionError> {
         config.check()?;
-        let planners = AutoPlanner::new(network, &config);
-        Ok(Self {
-            config,
-            planners,
-            scans: Vec::new(),
-            state: ScanState::default(),
-            ranking: None,
-            given_views: Arc::default(),
-            truth: None,
-        })
+        Ok(Self::empty(config, network, None))
     }
 
     /// A session whose cloud consists, as published, of the samples of the true surface that were matched so far: for
     /// simulations of the publication only.
     pub fn matching(config: SessionConfig, samples: Arc<[Point3<f64>]>) -> Self {
         let config = SessionConfig { accumulate: Accumulate::Matched, ..config };
-        let planners = AutoPlanner::new(None, &config);
-        let truth = Some(Truth { samples, reference: Vec::new() });
+        Self::empty(config, None, Some(Truth { samples, reference: Vec::new() }))
+    }
+
+    /// A session without a network whose settings are the program's own and known to be in range.
+    pub fn unchecked(config: SessionConfig) -> Self {
+        Self::empty(config, None, None)
+    }
+
+    fn empty(config: SessionConfig, network: Option<Network>, truth: Option<Truth>) -> Self {
+        let planners = AutoPlanner::new(network, &config);
         Self {
             config,
             planners,
@@ -83,20 +82,6 @@ impl Session {
             ranking: None,
             given_views: Arc::default(),
             truth,
-        }
-    }
-
-    /// A session without a network whose settings are the program's own and known to be in range.
-    pub fn unchecked(config: SessionConfig) -> Self {
-        let planners = AutoPlanner::new(None, &config);
-        Self {
-            config,
-            planners,
-            scans: Vec::new(),
-            state: ScanState::default(),
-            ranking: None,
-            given_views: Arc::default(),
-            truth: None,
         }
     }
 
