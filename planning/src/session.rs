@@ -383,3 +383,6 @@ fn thinned(scans: &[PreparedScan], grid_size: f64, config: &SessionConfig) -> Po
     let kept = accumulate::thinned(&cloud.points, grid_size, config.max_points, config.seed);
     thin::select(&cloud, &kept)
 }
+
+#[cfg(test)]
+mod tests;

@@ -57,6 +57,10 @@ fn areas_are_those_of_the_ball() {
         let stride = stride(1.2);
         let behind = marcher.forecast(&camera, &from_z(-1.2).world_from_camera(), stride, 0.002).area;
         assert!(behind.expected < 2.0 * cap && behind.expected > 0.3 * cap, "{behind:?}");
+        // A slope has more surface than the pixels that see it are wide.
+        let wide = marcher.forecast(&camera, &from_z(-1.2).world_from_camera(), stride, 1.0);
+        let across = wide.expected * camera.pixel_size(1.2).powi(2);
+        assert!(wide.area.covered > 1.15 * across, "{} m2 of {across} m2 across", wide.area.covered);
         assert!(behind.known == 0.0 && behind.covered > 0.0, "{behind:?}");
     }
 }
