@@ -1,9 +1,9 @@
 //! The answer: ranked candidates with poses, reasons and warnings, for people and for machines.
 
-use crate::Surface;
 use crate::constraints::{Exclusion, Objection};
 use crate::planners::auto::Evidence;
 use crate::pose::Pose;
+use crate::{CameraPose, PastScan, Surface};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -63,6 +63,25 @@ pub struct CloudSummary {
     pub boundary_points: usize,
 }
 
+/// Where a scan whose camera is not known was taken from, as far as its points tell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EstimatedCamera {
+    /// World frame, metres.
+    pub position_m: [f64; 3],
+    /// Degrees, seen from the middle of the scan, within which nine of ten such estimates are.
+    pub off_deg: f64,
+    /// Share of such estimates that are on the wrong side of the surface.
+    pub wrong_side: f64,
+}
+
+impl EstimatedCamera {
+    pub(crate) fn of(scan: &PastScan) -> Option<Self> {
+        let CameraPose::Estimated(trust) = scan.pose else { return None };
+        let position_m = scan.world_from_camera.translation.vector.into();
+        Some(Self { position_m, off_deg: trust.off_deg(), wrong_side: trust.wrong_side() })
+    }
+}
+
 /// The next view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
@@ -76,6 +95,9 @@ pub struct Answer {
     pub planner_reason: String,
     /// What was known of the scans.
     pub evidence: Evidence,
+    /// The cameras that were not given and had to be estimated, each with its doubt.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub estimated_cameras: Vec<EstimatedCamera>,
     /// What was planned on.
     pub cloud: CloudSummary,
     /// The known and the expected surface, where the planner makes them out.
@@ -111,6 +133,16 @@ impl Answer {
             line(format!("surface: {known} measured, {expected} expected where nothing is known yet"));
         }
         line(format!("planner {}: {}", self.planner, self.planner_reason));
+        if let Some(worst) = self.estimated_cameras.iter().max_by(|a, b| a.off_deg.total_cmp(&b.off_deg)) {
+            let wrong = self.estimated_cameras.iter().map(|c| c.wrong_side).fold(0.0, f64::max);
+            line(format!(
+                "cameras estimated: {}, each within {:.0} degrees in nine of ten cases, on the wrong side of the surface in up \
+                 to {:.0} %; known ones (--from, --depth) serve better",
+                self.estimated_cameras.len(),
+                worst.off_deg,
+                100.0 * wrong
+            ));
+        }
         for warning in &self.warnings {
             line(format!("warning: {warning}"));
         }

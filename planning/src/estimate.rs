@@ -1,11 +1,15 @@
 //! Where a cloud was scanned from, told by the cloud itself: a surface shows its front to the camera, and from there no
 //! part of it hides another.
 
+mod trust;
+
 use crate::{CameraPose, PastScan, Seen};
 use geometry::{NeighborGrid, PointCloud, View, orient_normals_toward};
 use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
+
+pub use trust::Trust;
 
 /// A cloud is taken for several scans merged where the density of its points is told worse than this by one camera (the
 /// root of the unexplained share), or more of its points hide behind others from there: 95 % of the simulated scans of one
@@ -40,7 +44,8 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
     let sum: Vector3<f64> = cloud.normals.iter().filter_map(|n| n.try_normalize(0.0)).sum();
     let Some(mean) = sum.try_normalize(1e-9) else { return Vec::new() };
     let told = direction_by_density(cloud, measured, &mean, distance, spacing);
-    let told = told.filter(|fit| fit.misfit < MISFIT).map(|fit| middle + distance * fit.direction);
+    let trust = told.as_ref().map_or(Trust { misfit: 1.0, against_other_side: 1.0 }, |fit| fit.trust);
+    let told = told.filter(|fit| fit.trust.misfit < MISFIT).map(|fit| middle + distance * fit.direction);
     // Evened out before, it has no density to tell by: then its normals do.
     let eye = told.filter(|eye| unhidden(cloud, eye, spacing) >= UNHIDDEN).or_else(|| {
         let eye = middle + distance * mean;
@@ -49,9 +54,9 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
     });
     if let Some(eye) = eye {
         orient_normals_toward(cloud, &eye);
-        return vec![scan(eye, cloud.points.clone())];
+        return vec![scan(eye, cloud.points.clone(), trust)];
     }
-    merged_scans(cloud, &middle, distance, spacing)
+    merged_scans(cloud, &middle, distance, spacing, trust)
 }
 
 /// The direction to the camera by how densely it sampled the surface: pixels lie as far apart as the cosine between normal
@@ -64,7 +69,7 @@ fn direction_by_density(
     outward: &Vector3<f64>,
     distance: f64,
     spacing: f64,
-) -> Option<Fit> {
+) -> Option<Told> {
     let share = (cloud.len() as f64 / measured.len().max(1) as f64).sqrt().min(1.0);
     let radius = REACH * spacing * share.max(0.25);
     let grid = NeighborGrid::new(measured, radius);
@@ -88,8 +93,16 @@ fn direction_by_density(
     let [a, b] = fits;
     let (a, b) = (a?, b?);
     let (better, worse) = if a.trimmed <= b.trimmed { (a, b) } else { (b, a) };
-    let unclear = better.trimmed > CLEAR * worse.trimmed;
-    Some(if unclear && worse.direction.dot(outward) > better.direction.dot(outward) { worse } else { better })
+    let against_other_side = better.trimmed / worse.trimmed.max(f64::MIN_POSITIVE);
+    let turned = against_other_side > CLEAR && worse.direction.dot(outward) > better.direction.dot(outward);
+    let taken = if turned { worse } else { better };
+    Some(Told { direction: taken.direction, trust: Trust { misfit: taken.misfit, against_other_side } })
+}
+
+/// A camera's direction as the density tells it.
+struct Told {
+    direction: Vector3<f64>,
+    trust: Trust,
 }
 
 /// A camera's direction, and the root of the share of density that it does not explain: of all points, and without the worst.
@@ -170,9 +183,9 @@ fn unhidden(cloud: &PointCloud, eye: &Point3<f64>, spacing: f64) -> f64 {
     let place = |p: &Point3<f64>| {
         let p = camera * p;
         let scale = away / (p.z.max(0.1 * away) * cell);
-        ([p.x, p.y].map(|x| (x * scale).floor() as i64), p.z)
+        (<(i64, i64)>::from([p.x, p.y].map(|x| (x * scale).floor() as i64)), p.z)
     };
-    let mut front: HashMap<[i64; 2], f64> = HashMap::new();
+    let mut front: FxHashMap<_, f64> = FxHashMap::default();
     for p in &cloud.points {
         let (at, depth) = place(p);
         front.entry(at).and_modify(|d| *d = d.min(depth)).or_insert(depth);
@@ -187,9 +200,13 @@ fn unhidden(cloud: &PointCloud, eye: &Point3<f64>, spacing: f64) -> f64 {
     cloud.points.iter().zip(&cloud.normals).filter(seen).count() as f64 / cloud.len().max(1) as f64
 }
 
-fn scan(position: Point3<f64>, points: Vec<Point3<f64>>) -> PastScan {
+fn scan(position: Point3<f64>, points: Vec<Point3<f64>>, trust: Trust) -> PastScan {
     let view = View { target: middle(&points), position };
-    PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points), pose: CameraPose::Estimated }
+    PastScan {
+        world_from_camera: view.world_from_camera(),
+        seen: Seen::Points(points),
+        pose: CameraPose::Estimated(trust),
+    }
 }
 
 fn middle(points: &[Point3<f64>]) -> Point3<f64> {
@@ -197,7 +214,7 @@ fn middle(points: &[Point3<f64>]) -> Point3<f64> {
 }
 
 /// Greedily the direction from which most of the points not yet explained are seen.
-fn merged_scans(cloud: &PointCloud, middle: &Point3<f64>, distance: f64, spacing: f64) -> Vec<PastScan> {
+fn merged_scans(cloud: &PointCloud, middle: &Point3<f64>, distance: f64, spacing: f64, trust: Trust) -> Vec<PastScan> {
     let normals: Vec<Vector3<f64>> = cloud.normals.iter().map(|n| n.try_normalize(0.0).unwrap_or_default()).collect();
     // Some of the cloud's own normals, so that the answer moves with it.
     let step = normals.len().div_ceil(DIRECTIONS).max(1);
@@ -223,7 +240,7 @@ fn merged_scans(cloud: &PointCloud, middle: &Point3<f64>, distance: f64, spacing
             left -= f64::from(u8::from(std::mem::take(&mut open[i])));
         }
         let points = seen[best].iter().map(|&i| cloud.points[i]).collect();
-        scans.push(scan(middle + distance * directions[best], points));
+        scans.push(scan(middle + distance * directions[best], points, trust));
     }
     scans
 }
@@ -240,10 +257,10 @@ fn visible(
     let v = d.cross(u);
     let place = |p: &Point3<f64>| {
         let r = p - middle;
-        let at = [r.dot(u), r.dot(&v)].map(|x| (x / cell).floor() as i64);
+        let at: (i64, i64) = [r.dot(u), r.dot(&v)].map(|x| (x / cell).floor() as i64).into();
         (at, r.dot(d))
     };
-    let mut front: HashMap<[i64; 2], f64> = HashMap::new();
+    let mut front: FxHashMap<_, f64> = FxHashMap::default();
     for p in &cloud.points {
         let (at, height) = place(p);
         front.entry(at).and_modify(|h| *h = h.max(height)).or_insert(height);

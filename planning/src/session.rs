@@ -6,7 +6,7 @@ mod request;
 mod warnings;
 
 use crate::accumulate::reference_surface;
-use crate::answer::{Answer, Candidate, CloudSummary, Stop};
+use crate::answer::{Answer, Candidate, CloudSummary, EstimatedCamera, Stop};
 use crate::config::SessionConfig;
 use crate::constraints::{Objection, Surroundings, count_exclusions};
 use crate::planners::auto::{AutoPlanner, Network};
@@ -279,6 +279,7 @@ impl Session {
             planner: choice.planner.as_str().to_owned(),
             planner_reason: choice.why,
             evidence: Evidence::of(&self.state),
+            estimated_cameras: self.state.scans.iter().filter_map(|scan| EstimatedCamera::of(scan)).collect(),
             cloud: self.summary(boundary),
             surface: self.planners.surface(choice.planner),
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),

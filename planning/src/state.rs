@@ -1,5 +1,6 @@
 //! What a policy may see.
 
+use crate::estimate::Trust;
 use geometry::neighbors::{NeighborGrid, Neighborhoods};
 use geometry::{DepthImage, PinholeCamera, PointCloud, View};
 use nalgebra::{Isometry3, Point3};
@@ -45,14 +46,13 @@ pub struct PastScan {
 }
 
 /// How the camera of a scan is known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CameraPose {
     /// It was given.
     #[default]
     Given,
     /// Told by the cloud ([`crate::estimate`]).
-    Estimated,
+    Estimated(Trust),
 }
 
 /// All that a policy may see: what was measured, from where, and the user's settings. Never ground truth

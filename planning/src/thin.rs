@@ -6,78 +6,47 @@
 use geometry::{Neighborhoods, PointCloud, mean_spacing, rng};
 use nalgebra::Point3;
 use rand::seq::index;
-use std::collections::{HashMap, HashSet};
+use rustc_hash::{FxBuildHasher, FxHashMap, FxHashSet};
 
 /// Indices of the points that no earlier kept point is nearer to than `radius`, rising. Radius 0 keeps all but
 /// exact duplicates.
 pub fn thin(points: &[Point3<f64>], radius: f64) -> Vec<usize> {
-    // Points of one cell are nearer to each other than the radius, so a cell holds one kept point at most.
-    let cell = (radius / 3f64.sqrt()).max(f64::MIN_POSITIVE);
     let Some(origin) = points.first() else { return Vec::new() };
     if radius == 0.0 {
-        let mut seen = HashSet::with_capacity_and_hasher(points.len(), CellHash::default());
+        let mut seen = FxHashSet::with_capacity_and_hasher(points.len(), FxBuildHasher);
+        // Both zeros are one.
         let bits = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x + 0.0).to_bits());
         return (0..points.len()).filter(|&i| seen.insert(bits(&points[i]))).collect();
     }
-    let key = |p: &Point3<f64>| [0, 1, 2].map(|i| ((p[i] - origin[i]) / cell).floor() as i64);
-    let mut kept_in =
-        HashMap::<[i64; 3], usize, CellHash>::with_capacity_and_hasher(points.len() / 8, CellHash::default());
-    let mut kept = Vec::new();
+    // What is nearer than the radius lies in one of two cells along each axis.
+    let cell = (2.0 * radius).max(f64::MIN_POSITIVE);
+    let mut last_kept: FxHashMap<(i64, i64, i64), u32> = FxHashMap::default();
+    // The kept point before it in its cell.
+    let mut before: Vec<u32> = Vec::new();
+    let mut kept: Vec<usize> = Vec::new();
     let radius2 = radius * radius;
     for (i, p) in points.iter().enumerate() {
-        let home = key(p);
-        if kept_in.contains_key(&home) {
-            continue;
-        }
-        let taken = NEAR_CELLS.iter().any(|offset| {
-            let near = [home[0] + offset[0], home[1] + offset[1], home[2] + offset[2]];
-            kept_in.get(&near).is_some_and(|&j| (points[j] - p).norm_squared() < radius2)
+        let at = [0, 1, 2].map(|k| (p[k] - origin[k]) / cell);
+        let home = at.map(|x| x.floor() as i64);
+        let other = [0, 1, 2].map(|k| if at[k] - at[k].floor() < 0.5 { -1 } else { 1 });
+        let taken = (0..8).any(|corner| {
+            let near = [0, 1, 2].map(|k| home[k].saturating_add(if corner >> k & 1 == 1 { other[k] } else { 0 }));
+            let mut next = last_kept.get(&near.into()).copied().unwrap_or(NONE);
+            while next != NONE && (points[kept[next as usize]] - p).norm_squared() >= radius2 {
+                next = before[next as usize];
+            }
+            next != NONE
         });
         if !taken {
-            kept_in.insert(home, i);
+            before.push(last_kept.insert(home.into(), kept.len() as u32).unwrap_or(NONE));
             kept.push(i);
         }
     }
     kept
 }
 
-/// Offsets of the cells that a point nearer than the radius may lie in, nearest first.
-static NEAR_CELLS: std::sync::LazyLock<Vec<[i64; 3]>> = std::sync::LazyLock::new(|| {
-    let mut offsets: Vec<[i64; 3]> = (0..125i64)
-        .map(|i| [i / 25 - 2, i / 5 % 5 - 2, i % 5 - 2])
-        // The nearest corners of cells two apart are (|o| - 1) cells away in each axis.
-        .filter(|o| *o != [0, 0, 0] && o.iter().map(|x: &i64| (x.abs() - 1).max(0).pow(2)).sum::<i64>() < 3)
-        .collect();
-    offsets.sort_by_key(|o| o.iter().map(|x| x * x).sum::<i64>());
-    offsets
-});
-
-/// A multiplicative hash of three integers: the standard one takes a third of the time for a large cloud.
-#[derive(Clone, Copy, Default)]
-struct CellHash(u64);
-
-impl std::hash::BuildHasher for CellHash {
-    type Hasher = Self;
-    fn build_hasher(&self) -> Self {
-        Self(0)
-    }
-}
-
-impl std::hash::Hasher for CellHash {
-    fn finish(&self) -> u64 {
-        self.0 ^ (self.0 >> 29)
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        for word in bytes.chunks(8) {
-            let mut padded = [0; 8];
-            padded[..word.len()].copy_from_slice(word);
-            self.0 = (self.0.rotate_left(5) ^ u64::from_le_bytes(padded)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        }
-    }
-    fn write_i64(&mut self, x: i64) {
-        self.write(&x.to_le_bytes());
-    }
-}
+/// No kept point.
+const NONE: u32 = u32::MAX;
 
 /// The radius that thins a cloud to about `target` points, within a tenth; 0 where there are no more, and for target 0.
 /// `spacing` is that of all points ([`spacing_of_all`]), from which the search starts, on at most four times as many points

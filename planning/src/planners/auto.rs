@@ -33,7 +33,7 @@ impl Evidence {
             return Self::Unplaced;
         }
         let each = state.scans.iter().map(|scan| match &scan.seen {
-            _ if scan.pose == CameraPose::Estimated => Self::Clouds,
+            _ if matches!(scan.pose, CameraPose::Estimated(_)) => Self::Clouds,
             Seen::Depth { misses: Misses::Free, .. } => Self::DepthWithBackground,
             Seen::Depth { .. } => Self::Depth,
             Seen::Points(_) => Self::CameraPositions,

@@ -1,29 +1,7 @@
 //! A growing hash grid: points are added scan by scan and asked for in small balls.
 
 use nalgebra::Point3;
-use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
-
-/// Multiplicative hash of three small integers: the default hasher took two thirds of an update.
-#[derive(Clone, Default)]
-struct CellHasher(u64);
-
-impl Hasher for CellHasher {
-    fn finish(&self) -> u64 {
-        self.0 ^ (self.0 >> 29)
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        for &b in bytes {
-            self.write_u64(u64::from(b));
-        }
-    }
-    fn write_i32(&mut self, value: i32) {
-        self.write_u64(value as u32 as u64);
-    }
-    fn write_u64(&mut self, value: u64) {
-        self.0 = (self.0.rotate_left(21) ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    }
-}
+use rustc_hash::FxHashMap;
 
 /// Points of a cell, with their indices.
 type Cell = Vec<(u32, Point3<f64>)>;
@@ -33,14 +11,14 @@ type Cell = Vec<(u32, Point3<f64>)>;
 #[derive(Clone)]
 pub(super) struct PointGrid {
     cell: f64,
-    cells: HashMap<(i32, i32, i32), Cell, BuildHasherDefault<CellHasher>>,
+    cells: FxHashMap<(i32, i32, i32), Cell>,
     all: Vec<(u32, Point3<f64>)>,
 }
 
 impl PointGrid {
     /// An empty grid of this cell edge in metres.
     pub fn new(cell: f64) -> Self {
-        Self { cell: cell.max(1e-9), cells: HashMap::default(), all: Vec::new() }
+        Self { cell: cell.max(1e-9), cells: FxHashMap::default(), all: Vec::new() }
     }
 
     fn key(&self, p: &Point3<f64>) -> (i32, i32, i32) {

@@ -1,0 +1,55 @@
+//! How far an estimated camera may be off.
+
+/// How well the density of a cloud's points told its camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Trust {
+    /// Root of the share of the density that the camera does not explain, in [0, 1].
+    pub misfit: f64,
+    /// The same, of undisturbed points, over that of the best camera on the other side of the surface: in [0, 1].
+    pub against_other_side: f64,
+}
+
+/// Misfit, and degrees within which nine of ten estimates on the right side were: 830 simulated scans of 66 objects at 0.6
+/// and 1.2 m (the example `camera_estimate` of `datagen`).
+const OFF_DEG: [(f64, f64); 6] = [(0.05, 3.0), (0.07, 4.5), (0.09, 6.0), (0.10, 10.0), (0.12, 16.0), (0.15, 27.0)];
+
+/// The ratio to the other side, and the share of the same estimates that were on the wrong one.
+const WRONG_SIDE: [(f64, f64); 4] = [(0.65, 0.01), (0.75, 0.05), (0.85, 0.1), (0.95, 0.25)];
+
+impl Trust {
+    /// Angle at the middle of the cloud, degrees, within which the true camera is in nine of ten cases, where it is on the
+    /// right side of the surface.
+    pub fn off_deg(&self) -> f64 {
+        interpolated(&OFF_DEG, self.misfit)
+    }
+
+    /// Share of such estimates that are on the wrong side of the surface.
+    pub fn wrong_side(&self) -> f64 {
+        interpolated(&WRONG_SIDE, self.against_other_side)
+    }
+}
+
+/// Linear between the points of a table, constant beyond its ends.
+fn interpolated(table: &[(f64, f64)], at: f64) -> f64 {
+    let above = table.partition_point(|(x, _)| *x < at);
+    match (above.checked_sub(1).map(|i| table[i]), table.get(above)) {
+        (Some((x0, y0)), Some(&(x1, y1))) => y0 + (y1 - y0) * (at - x0) / (x1 - x0),
+        (Some((_, y)), None) | (None, Some(&(_, y))) => y,
+        (None, None) => f64::NAN,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn doubt_grows_with_misfit_and_with_the_other_side() {
+        let off = |misfit| Trust { misfit, against_other_side: 0.5 }.off_deg();
+        assert_eq!([off(0.0), off(0.5)], [3.0, 27.0]);
+        assert!((off(0.06) - 3.75).abs() < 1e-12);
+        let wrong = |against_other_side| Trust { misfit: 0.1, against_other_side }.wrong_side();
+        assert_eq!([wrong(0.2), wrong(1.0)], [0.01, 0.25]);
+        assert!((wrong(0.8) - 0.075).abs() < 1e-12);
+    }
+}
