@@ -2,7 +2,7 @@
 //! each object goes to a session as a robot's would; the surface that a view shows is counted by samples of the mesh that
 //! its depth image holds. Per cell: the gain told of the first choice over the true one (median over the objects, and the
 //! share within 0.67 to 1.5), the rank correlation of both over the candidates, the overlap told and true, the largest
-//! score.
+//! score. At the end the surface that was told to be missing, and what was.
 //!
 //! ```text
 //! cargo run --release -p datagen --example gain_matrix -- [--root DIR] [--objects 8] [--scans 1]
@@ -55,7 +55,11 @@ struct Outcome {
     correlation: f64,
     overlap: [f64; 2],
     score: f64,
+    missing: Told,
 }
+
+/// The missing share as told, between which, and in truth.
+type Told = (f64, [f64; 2], f64);
 
 fn main() -> Result<()> {
     let args = Arguments::parse();
@@ -82,6 +86,7 @@ fn main() -> Result<()> {
     cells.extend([Given::Depth, Given::Positions, Given::Clouds].map(|given| (1.2, default.1, default.2, given)));
     cells.extend([Given::Depth, Given::Positions, Given::Clouds].map(|given| (0.5, default.1, default.2, given)));
     let (mut good, mut all) = (0, 0);
+    let mut told: Vec<Told> = Vec::new();
     for (distance, kept, (width, height, fov_y_deg), given) in cells {
         let camera = CameraConfig { width, height, fov_y_deg, intrinsics: None };
         let config = SessionConfig { working_distance_m: distance, max_points: kept, camera, ..Default::default() };
@@ -94,6 +99,7 @@ fn main() -> Result<()> {
         };
         let within = found.iter().filter(|o| (0.67..=1.5).contains(&(o.told / o.truth))).count();
         (good, all) = (good + within, all + found.len());
+        told.extend(found.iter().map(|o| o.missing));
         let name = match given {
             Given::Background => "depth with background",
             Given::Depth => "depth",
@@ -111,6 +117,18 @@ fn main() -> Result<()> {
         );
     }
     println!("\n{good} of {all} decisions within 0.67 to 1.5");
+    let inside = told.iter().filter(|(_, [low, high], open)| (low..=high).contains(&open)).count();
+    let median = |value: &dyn Fn(&Told) -> f64| {
+        let mut values: Vec<f64> = told.iter().map(value).collect();
+        values.sort_by(f64::total_cmp);
+        100.0 * values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+    };
+    println!(
+        "missing surface: told {:.1} %, true {:.1} % in the median; {inside} of {} between the bounds told",
+        median(&|t| t.0),
+        median(&|t| t.2),
+        told.len()
+    );
     Ok(())
 }
 
@@ -143,12 +161,15 @@ fn decide(object: &Object, config: &SessionConfig, given: Given, scans: usize) -
     let (truth, overlap) = true_of(next.target_m, next.position_m);
     let told: Vec<f64> = answer.candidates.iter().map(|c| c.expected_gain.unwrap_or(0.0)).collect();
     let truths: Vec<f64> = answer.candidates.iter().map(|c| true_of(c.target_m, c.position_m).0).collect();
+    let missing = answer.missing.as_ref().map_or((f64::NAN, [f64::NAN; 2]), |m| (m.share, m.between));
+    let open = seen.iter().filter(|s| !**s).count() as f64 / seen.len() as f64;
     Ok(Some(Outcome {
         told: next.expected_gain.unwrap_or(0.0),
         truth,
         correlation: rank_correlation(&told, &truths).unwrap_or(0.0),
         overlap: [next.expected_overlap.unwrap_or(0.0), overlap],
         score: answer.candidates.iter().map(|c| c.score).fold(0.0, f64::max),
+        missing: (missing.0, missing.1, open),
     }))
 }
 

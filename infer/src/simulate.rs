@@ -82,7 +82,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
             world_from_camera: Pose::from(&view.world_from_camera()),
             coverage,
             overlap,
-            expected_gain: expected.map(|a| a.stop.expected_gain),
+            expected_gain: expected.and_then(|a| a.stop.expected_gain),
             gain: coverage - steps.last().map_or(0.0, |s: &Step| s.coverage),
             planner: expected.map(|a| a.planner.clone()),
         };
@@ -116,7 +116,10 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
             let last = answers.pop().context("no view was decided")?;
             let ended = match &last.next {
                 None => format!("no view is left: {}", last.no_view_reason()),
-                Some(_) => format!("the next view is expected to add {:.2} % only", 100.0 * last.stop.expected_gain),
+                Some(_) => format!(
+                    "the next view is expected to add {:.2} % only",
+                    100.0 * last.stop.expected_gain.unwrap_or(0.0)
+                ),
             };
             (last, ended)
         }

@@ -3,6 +3,7 @@
 use crate::constraints::{Exclusion, Objection};
 use crate::planners::auto::Evidence;
 use crate::pose::Pose;
+use crate::stop::{Missing, Stop};
 use crate::{CameraPose, PastScan, Surface};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -33,17 +34,6 @@ pub struct Candidate {
     /// Which of the given views it is, from 0; absent where views are not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub given: Option<usize>,
-}
-
-/// Whether another view is worth it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Stop {
-    /// Share of the whole surface that one view can be expected to add: the most of all that may be taken.
-    pub expected_gain: f64,
-    /// Where that number comes from.
-    pub basis: String,
-    /// Whether it is under `stop_below`, or no view is left.
-    pub stop: bool,
 }
 
 /// What was planned on.
@@ -102,6 +92,8 @@ pub struct Answer {
     pub cloud: CloudSummary,
     /// The known and the expected surface, where the planner makes them out.
     pub surface: Option<Surface>,
+    /// What is missing of the surface, where the planner makes it out.
+    pub missing: Option<Missing>,
     /// All candidates, best first, those ruled out last.
     pub candidates: Vec<Candidate>,
     /// How many candidates each constraint rules out.
@@ -131,6 +123,9 @@ impl Answer {
         if let Some(surface) = &self.surface {
             let [known, expected] = [surface.known_m2, surface.expected_m2].map(area);
             line(format!("surface: {known} measured, {expected} expected where nothing is known yet"));
+        }
+        if let Some(missing) = &self.missing {
+            describe_missing(missing, &mut line);
         }
         line(format!("planner {}: {}", self.planner, self.planner_reason));
         if let Some(worst) = self.estimated_cameras.iter().max_by(|a, b| a.off_deg.total_cmp(&b.off_deg)) {
@@ -199,14 +194,39 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     let [x, y, z, w] = next.world_from_camera.quaternion_xyzw;
     line(format!("  quaternion x {x:.6} y {y:.6} z {z:.6} w {w:.6}"));
     let mut benefit = String::new();
-    let gain = next.expected_gain.unwrap_or(stop.expected_gain);
-    let _ = write!(benefit, "  expected gain {:.1} % of the surface ({})", 100.0 * gain, stop.basis);
+    let _ = match next.expected_gain {
+        Some(gain) => write!(benefit, "  expected gain {:.1} % of the surface ({})", 100.0 * gain, stop.basis),
+        None => write!(benefit, "  expected gain {}", stop.basis),
+    };
     if let Some(overlap) = next.expected_overlap {
         let _ = write!(benefit, ", overlap {:.0} %", 100.0 * overlap);
     }
     line(benefit);
     if stop.stop {
         line("  not worth it: no view is expected to add as much as --stop-below".to_owned());
+    }
+}
+
+fn describe_missing(missing: &Missing, line: &mut impl FnMut(String)) {
+    const SHOWN: usize = 3;
+    let percent = |x: f64| format!("{:.1} %", 100.0 * x);
+    let [low, high] = missing.between.map(percent);
+    let mut text = format!("missing: {} of the surface ({low} to {high})", percent(missing.share));
+    if missing.out_of_reach_share > 0.0 {
+        let _ = write!(text, ", and {} that no view sees that may be taken", percent(missing.out_of_reach_share));
+    }
+    line(text);
+    for hole in missing.holes.iter().take(SHOWN) {
+        let reach = match hole.within_reach {
+            r if r <= 0.0 => ", out of reach".to_owned(),
+            r if r < 0.9 => format!(", {:.0} % of it within reach", 100.0 * r),
+            _ => String::new(),
+        };
+        let (at, size) = (triple(&hole.center_m), length(hole.size_m));
+        line(format!("  {} around {at}, {size} across: {}{reach}", percent(hole.share), hole.unseen.describe()));
+    }
+    if missing.holes.len() > SHOWN {
+        line(format!("  and {} smaller ones", missing.holes.len() - SHOWN));
     }
 }
 

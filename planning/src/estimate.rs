@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 pub use trust::Trust;
+pub(crate) use trust::interpolated;
 
 /// A cloud is taken for several scans merged where the density of its points is told worse than this by one camera (the
 /// root of the unexplained share), or more of its points hide behind others from there: 95 % of the simulated scans of one
@@ -43,7 +44,7 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
     let middle = middle(&cloud.points);
     let sum: Vector3<f64> = cloud.normals.iter().filter_map(|n| n.try_normalize(0.0)).sum();
     let Some(mean) = sum.try_normalize(1e-9) else { return Vec::new() };
-    let told = direction_by_density(cloud, measured, &mean, distance, spacing);
+    let told = direction_by_density(cloud, measured, &mean, distance, spacing, usize::MAX);
     let trust = told.as_ref().map_or(Trust { misfit: 1.0, against_other_side: 1.0 }, |fit| fit.trust);
     let told = told.filter(|fit| fit.trust.misfit < MISFIT).map(|fit| middle + distance * fit.direction);
     // Evened out before, it has no density to tell by: then its normals do.
@@ -62,13 +63,14 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
 /// The direction to the camera by how densely it sampled the surface: pixels lie as far apart as the cosine between normal
 /// and ray says, so that density / f^2 * z^2 = |n . d|. Solved for d by least squares over all points but those at an edge:
 /// squared first, where the sign of normals does not matter, then with all of them turned to the camera. `outward` says
-/// from which side.
-fn direction_by_density(
+/// from which side. At most `asked` points are, about evenly spaced in their order.
+pub(crate) fn direction_by_density(
     cloud: &PointCloud,
     measured: &[Point3<f64>],
     outward: &Vector3<f64>,
     distance: f64,
     spacing: f64,
+    asked: usize,
 ) -> Option<Told> {
     let share = (cloud.len() as f64 / measured.len().max(1) as f64).sqrt().min(1.0);
     let radius = REACH * spacing * share.max(0.25);
@@ -85,6 +87,7 @@ fn direction_by_density(
         .points
         .par_iter()
         .zip(&cloud.normals)
+        .step_by(cloud.len().div_ceil(asked).max(1))
         .filter_map(|(p, n)| Some((p, n.try_normalize(0.0)?, density(p)?)))
         .collect();
     let middle = middle(&cloud.points);
@@ -100,9 +103,9 @@ fn direction_by_density(
 }
 
 /// A camera's direction as the density tells it.
-struct Told {
-    direction: Vector3<f64>,
-    trust: Trust,
+pub(crate) struct Told {
+    pub(crate) direction: Vector3<f64>,
+    pub(crate) trust: Trust,
 }
 
 /// A camera's direction, and the root of the share of density that it does not explain: of all points, and without the worst.
@@ -176,7 +179,7 @@ fn squared_direction(found: impl Iterator<Item = (Vector3<f64>, f64)>) -> Option
 }
 
 /// Share of the points that no other hides from `eye`, in cells of three spacings.
-fn unhidden(cloud: &PointCloud, eye: &Point3<f64>, spacing: f64) -> f64 {
+pub(crate) fn unhidden(cloud: &PointCloud, eye: &Point3<f64>, spacing: f64) -> f64 {
     let middle = middle(&cloud.points);
     let camera = View { target: middle, position: *eye }.world_from_camera().inverse();
     let (cell, away) = (3.0 * spacing, (eye - middle).norm());

@@ -15,7 +15,7 @@
 //! let answer = session.next_view()?;
 //!
 //! let next = answer.next.expect("the sheet has a rim to look beyond");
-//! println!("{:?}, expected gain {:.1} %", next.world_from_camera.matrix, 100.0 * answer.stop.expected_gain);
+//! println!("{:?}, expected gain {:.1} %", next.world_from_camera.matrix, 100.0 * answer.stop.expected_gain.unwrap_or_default());
 //! # Ok(()) }
 //! ```
 //!
@@ -30,6 +30,7 @@ pub mod answer;
 pub mod candidates;
 pub mod config;
 pub mod constraints;
+pub mod doubt;
 pub mod estimate;
 #[cfg(test)]
 #[allow(dead_code)]
@@ -55,7 +56,10 @@ use geometry::PointCloud;
 pub use planner::{PlanError, Planner, RankedView};
 pub use planners::auto::{AutoPlanner, Evidence, Network};
 pub use planners::farthest::FarthestPlanner;
-pub use planners::volumetric::{Forecasts, Surface, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace};
+pub use planners::volumetric::{
+    Allowed, Forecasts, Hole, Surface, Unseen, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace,
+};
 pub use scan::{Scan, ScanReport};
 pub use session::{Session, SessionError};
 pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};
+pub use stop::{Missing, Stop};

@@ -2,6 +2,7 @@
 
 use crate::accumulate::Accumulate;
 use crate::config::SessionConfig;
+use crate::doubt::{self, PositionDoubt};
 use crate::estimate::estimated_scans;
 use crate::thin;
 use crate::{CameraPose, Misses, PastScan, Seen};
@@ -114,6 +115,8 @@ pub(crate) struct PreparedScan {
     pub spacing: f64,
     /// The same before thinning.
     pub measured_spacing: f64,
+    /// Why the camera position that came with it was not believed.
+    pub doubt: Option<PositionDoubt>,
     pub report: ScanReport,
 }
 
@@ -208,19 +211,28 @@ pub(crate) fn prepare(
         Some(near) => mean_spacing_among(&cloud.points, near),
         None => mean_spacing(&cloud.points),
     };
-    let mut past: Vec<PastScan> = past_scan(scan, &cloud.points).into_iter().collect();
+    let distance = config.working_distances().iter().sum::<f64>() / config.working_distances().len() as f64;
+    let doubt = match &scan {
+        Scan::Cloud { from: Some(from), .. } => doubt::of_position(&cloud, &all.points, from, distance, spacing),
+        _ => None,
+    };
+    // What is contradicted is not known; nor are normals that were turned there.
+    oriented &= has_normals || doubt.is_none();
+    let mut past: Vec<PastScan> = match &doubt {
+        Some(_) => Vec::new(),
+        None => past_scan(scan, &cloud.points).into_iter().collect(),
+    };
     if past.is_empty() && !cloud.is_empty() {
         if !oriented {
             let near = near.get_or_insert_with(|| neighborhoods(&cloud.points));
             orient_normals_among(&mut cloud, near, ORIENTATION_NEIGHBORS);
         }
         let measured = thin::sample(&all.points, 60_000, config.seed, "infer/density");
-        let distance = config.working_distances().iter().sum::<f64>() / config.working_distances().len() as f64;
         past = estimated_scans(&mut cloud, &measured, distance, spacing);
     }
     let past = past.into_iter().map(Arc::new).collect();
     let measured_spacing = if radius > 0.0 { spacing_of_all.min(spacing) } else { spacing };
-    Ok((PreparedScan { past, cloud, spacing, measured_spacing, report }, near))
+    Ok((PreparedScan { past, cloud, spacing, measured_spacing, doubt, report }, near))
 }
 
 /// What a planner may know of a scan with these points; `None` where the camera is unknown.

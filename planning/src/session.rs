@@ -1,20 +1,24 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
+mod doubts;
 mod error;
+mod missing;
 mod ranking;
 mod request;
 mod warnings;
 
 use crate::accumulate::reference_surface;
-use crate::answer::{Answer, Candidate, CloudSummary, EstimatedCamera, Stop};
+use crate::answer::{Answer, Candidate, CloudSummary, EstimatedCamera};
 use crate::config::SessionConfig;
 use crate::constraints::{Objection, Surroundings, count_exclusions};
+use crate::doubt::Offset;
 use crate::planners::auto::{AutoPlanner, Network};
 use crate::pose::{Pose, world_from_camera};
 use crate::scan::{PreparedScan, Refusal, Scan, ScanReport, prepare};
+use crate::stop::Stop;
 use crate::{Accumulate, Evidence, Planner};
 use crate::{PastScan, ScanState, Seen};
-use crate::{accumulate, overlap, stop, thin};
+use crate::{accumulate, overlap, thin};
 use geometry::{PointCloud, mean_spacing};
 use nalgebra::{Isometry3, Point3};
 use ranking::{Ranking, rank};
@@ -40,6 +44,8 @@ pub struct Session {
     /// What the planner said of the state as it is: requests that differ in where the camera may go ask once.
     ranking: Option<Ranking>,
     given_views: Arc<[Isometry3<f64>]>,
+    /// How far each scan lies off those before it, as far as it was asked.
+    offsets: Vec<Option<Offset>>,
     truth: Option<Truth>,
 }
 
@@ -81,6 +87,7 @@ impl Session {
             state: ScanState::default(),
             ranking: None,
             given_views: Arc::default(),
+            offsets: Vec::new(),
             truth,
         }
     }
@@ -137,6 +144,7 @@ impl Session {
     /// Takes the last scan back; false if there is none.
     pub fn undo(&mut self) -> bool {
         let had_one = self.scans.pop().is_some();
+        self.offsets.truncate(self.scans.len());
         self.rebuild();
         had_one
     }
@@ -144,6 +152,7 @@ impl Session {
     /// Forgets all scans.
     pub fn reset(&mut self) {
         self.scans.clear();
+        self.offsets.clear();
         self.planners.reset();
         self.rebuild();
     }
@@ -203,6 +212,7 @@ impl Session {
         if self.scans.is_empty() {
             return Err(SessionError::NoScan);
         }
+        self.compare_scans();
         let constraints = &self.config.constraints;
         let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(PreparedScan::camera_position).collect();
         let last = self.scans.last().and_then(PreparedScan::camera_position);
@@ -273,7 +283,8 @@ impl Session {
             candidate.rank = rank;
         }
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
-        let stop = self.judge_stop(&candidates);
+        let stop = Stop::judge(&candidates, self.config.stop_below);
+        let (missing, surface) = self.missing(choice.planner, &candidates, &known).unzip();
         Ok(Answer {
             stop,
             planner: choice.planner.as_str().to_owned(),
@@ -281,23 +292,13 @@ impl Session {
             evidence: Evidence::of(&self.state),
             estimated_cameras: self.state.scans.iter().filter_map(|scan| EstimatedCamera::of(scan)).collect(),
             cloud: self.summary(boundary),
-            surface: self.planners.surface(choice.planner),
+            surface,
+            missing,
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
             warnings: self.warnings(next.as_ref(), &candidates),
             next,
             candidates,
         })
-    }
-
-    /// The most that any view that may be taken is expected to add, whatever its rank.
-    fn judge_stop(&self, candidates: &[Candidate]) -> Stop {
-        let allowed = || candidates.iter().filter(|c| c.objections.is_empty());
-        if allowed().next().is_none() {
-            return Stop { expected_gain: 0.0, basis: "no view is left".to_owned(), stop: true };
-        }
-        let most = allowed().filter_map(|c| c.expected_gain).max_by(f64::total_cmp);
-        let (expected_gain, basis) = stop::expected_gain(most, self.scans.len());
-        Stop { expected_gain, basis: basis.to_owned(), stop: expected_gain < self.config.stop_below }
     }
 
     fn summary(&self, boundary_points: usize) -> CloudSummary {

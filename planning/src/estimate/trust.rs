@@ -11,31 +11,32 @@ pub struct Trust {
 
 /// Misfit, and degrees within which nine of ten estimates on the right side were: 830 simulated scans of 66 objects at 0.6
 /// and 1.2 m (the example `camera_estimate` of `datagen`).
-const OFF_DEG: [(f64, f64); 6] = [(0.05, 3.0), (0.07, 4.5), (0.09, 6.0), (0.10, 10.0), (0.12, 16.0), (0.15, 27.0)];
+const OFF_DEG: [(f64, [f64; 1]); 6] =
+    [(0.05, [3.0]), (0.07, [4.5]), (0.09, [6.0]), (0.10, [10.0]), (0.12, [16.0]), (0.15, [27.0])];
 
 /// The ratio to the other side, and the share of the same estimates that were on the wrong one.
-const WRONG_SIDE: [(f64, f64); 4] = [(0.65, 0.01), (0.75, 0.05), (0.85, 0.1), (0.95, 0.25)];
+const WRONG_SIDE: [(f64, [f64; 1]); 4] = [(0.65, [0.01]), (0.75, [0.05]), (0.85, [0.1]), (0.95, [0.25])];
 
 impl Trust {
     /// Angle at the middle of the cloud, degrees, within which the true camera is in nine of ten cases, where it is on the
     /// right side of the surface.
     pub fn off_deg(&self) -> f64 {
-        interpolated(&OFF_DEG, self.misfit)
+        interpolated(&OFF_DEG, self.misfit)[0]
     }
 
     /// Share of such estimates that are on the wrong side of the surface.
     pub fn wrong_side(&self) -> f64 {
-        interpolated(&WRONG_SIDE, self.against_other_side)
+        interpolated(&WRONG_SIDE, self.against_other_side)[0]
     }
 }
 
 /// Linear between the points of a table, constant beyond its ends.
-fn interpolated(table: &[(f64, f64)], at: f64) -> f64 {
+pub(crate) fn interpolated<const N: usize>(table: &[(f64, [f64; N])], at: f64) -> [f64; N] {
     let above = table.partition_point(|(x, _)| *x < at);
     match (above.checked_sub(1).map(|i| table[i]), table.get(above)) {
-        (Some((x0, y0)), Some(&(x1, y1))) => y0 + (y1 - y0) * (at - x0) / (x1 - x0),
+        (Some((x0, y0)), Some((x1, y1))) => std::array::from_fn(|k| y0[k] + (y1[k] - y0[k]) * (at - x0) / (x1 - x0)),
         (Some((_, y)), None) | (None, Some(&(_, y))) => y,
-        (None, None) => f64::NAN,
+        (None, None) => [f64::NAN; N],
     }
 }
 

@@ -3,8 +3,8 @@
 use crate::config::{PlannerName, SessionConfig};
 use crate::planners::farthest::FarthestPlanner;
 use crate::{
-    Angles, CameraPose, CandidateConfig, Misses, PlanError, Planner, RankedView, ScanState, Seen, Surface,
-    VolumetricConfig, VolumetricPlanner, Workspace,
+    Allowed, Angles, CameraPose, CandidateConfig, Hole, Misses, PlanError, Planner, RankedView, ScanState, Seen,
+    Surface, VolumetricConfig, VolumetricPlanner, Workspace,
 };
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -193,6 +193,16 @@ impl AutoPlanner {
     /// The known and the expected surface at the last decision, where the planner chosen makes them out.
     pub fn surface(&self, planner: PlannerName) -> Option<Surface> {
         (planner == PlannerName::Volumetric).then(|| self.volumetric.surface())
+    }
+
+    /// The scans, from 1, whose misses proved not to be free space.
+    pub fn scans_with_distrusted_misses(&self) -> Vec<usize> {
+        self.volumetric.scans_with_distrusted_misses()
+    }
+
+    /// What is missing of that surface ([`VolumetricPlanner::holes`]).
+    pub fn holes(&self, planner: PlannerName, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
+        if planner == PlannerName::Volumetric { self.volumetric.holes(state, allowed) } else { Vec::new() }
     }
 
     /// The views of the planner chosen.

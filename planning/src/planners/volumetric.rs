@@ -1,7 +1,9 @@
 //! Planning without a model: space carved by past scans, the surface expected in what is left unknown, and the gain
 //! and overlap that a view can expect of both.
 
+mod carved;
 mod grid;
+mod holes;
 mod march;
 mod membrane;
 mod predict;
@@ -10,15 +12,16 @@ mod tiles;
 
 use crate::candidates::candidate_views_among;
 use crate::planner::checked;
-use crate::{Angles, CandidateConfig, Misses, PastScan, PlanError, Planner, RankedView, ScanState, Seen};
+use crate::{Angles, CandidateConfig, PastScan, PlanError, Planner, RankedView, ScanState};
+use carved::Carved;
 use geometry::coverage::overlap_response;
 use geometry::{PinholeCamera, View};
 use grid::VoxelGrid;
+pub use holes::{Allowed, Hole, Unseen};
 use march::Marcher;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use silhouette::Silhouette;
 use std::sync::Arc;
 
 /// A cube in which the object stands.
@@ -77,24 +80,6 @@ impl Default for VolumetricConfig {
 const GAIN: f64 = 1.3;
 /// Weight of the expected surface in the coverage that the score goes by: gain and overlap change places early.
 const FINISHED: f64 = 0.41;
-/// Share of the cloud in a scan's background from which on it is none.
-const CONTRADICTED: f64 = 0.02;
-
-/// A scan taken in.
-#[derive(Clone, Debug)]
-struct Carved {
-    scan: Arc<PastScan>,
-    /// Where its misses do not tell what is background.
-    silhouette: Option<Silhouette>,
-    trusted: bool,
-}
-
-impl Carved {
-    fn background(&self) -> Option<&Silhouette> {
-        self.silhouette.as_ref().filter(|_| self.trusted)
-    }
-}
-
 /// What the planner expects of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewForecast {
@@ -150,6 +135,8 @@ pub struct VolumetricPlanner {
     config: VolumetricConfig,
     grid: Option<VoxelGrid>,
     carved: Vec<Carved>,
+    /// Whether misses or outlines tell what is free behind the surface, of all scans.
+    carves: bool,
     surface: Surface,
 }
 
@@ -189,56 +176,6 @@ impl VolumetricPlanner {
         VoxelGrid::new(&Point3::from(workspace.center_m), workspace.half_m.max(voxel), voxel)
     }
 
-    /// The grid with all scans in it.
-    fn carved_grid(&mut self, state: &ScanState) -> VoxelGrid {
-        let bounded = self.config.workspace.is_some();
-        let same = |(old, new): (&Carved, &Arc<PastScan>)| Arc::ptr_eq(&old.scan, new);
-        let goes_on = self.carved.len() <= state.scans.len() && self.carved.iter().zip(&state.scans).all(same);
-        let kept = self.grid.take().filter(|grid| goes_on && (bounded || grid.holds(&state.cloud.points)));
-        let mut grid = kept.unwrap_or_else(|| {
-            self.carved.clear();
-            self.new_grid(state)
-        });
-        for scan in &state.scans[self.carved.len()..] {
-            grid.carve(scan);
-            let silhouette = self.silhouette(scan, grid.voxel);
-            if let Some(silhouette) = &silhouette {
-                grid.carve_background(silhouette);
-            }
-            self.carved.push(Carved { scan: Arc::clone(scan), silhouette, trusted: true });
-        }
-        if self.distrust(&state.cloud.points) {
-            grid = self.new_grid(state);
-            for carved in &self.carved {
-                grid.carve(&carved.scan);
-                if let Some(silhouette) = carved.background() {
-                    grid.carve_background(silhouette);
-                }
-            }
-        }
-        grid
-    }
-
-    /// The outline of a scan whose misses do not tell background.
-    fn silhouette(&self, scan: &PastScan, voxel: f64) -> Option<Silhouette> {
-        let told = matches!(&scan.seen, Seen::Depth { misses: Misses::Free, .. });
-        (self.config.presume_background && !told).then(|| Silhouette::of(scan, voxel)).flatten()
-    }
-
-    /// No longer trusts the outline of scans in whose background there is surface; whether there was such a scan.
-    fn distrust(&mut self, points: &[Point3<f64>]) -> bool {
-        let most = (CONTRADICTED * points.len() as f64).max(3.0) as usize;
-        let mut any = false;
-        for carved in &mut self.carved {
-            let Some(silhouette) = carved.background() else { continue };
-            if points.iter().filter(|p| silhouette.is_deep_background(p)).count() > most {
-                carved.trusted = false;
-                any = true;
-            }
-        }
-        any
-    }
-
     /// What the candidates of this state promise; without views where nothing can be said.
     pub fn forecast(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Forecasts {
         let cloud = &state.cloud;
@@ -260,8 +197,8 @@ impl VolumetricPlanner {
         let total = (surface.known_m2 + surface.expected_m2).max(f64::MIN_POSITIVE);
         let missing = surface.expected_m2 / total;
         self.surface = surface;
-        let told = |c: &Carved| matches!(&c.scan.seen, Seen::Depth { misses: Misses::Free, .. });
-        let carves = self.carved.iter().all(|c| told(c) || c.background().is_some());
+        let carves = self.carved.iter().all(Carved::carves);
+        self.carves = carves;
         let trust = predict::trust(grid.voxel, state.tolerance);
         let marcher = Marcher::new(&grid, carves);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);

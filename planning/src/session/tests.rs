@@ -1,4 +1,6 @@
 use super::*;
+use crate::Unseen;
+use crate::stop::Missing;
 use geometry::View;
 
 /// A sheet of 10 cm, `side` by `side` points, seen from a metre above.
@@ -13,18 +15,42 @@ fn session(side: usize, config: SessionConfig) -> Session {
 
 #[test]
 fn stop_asks_all_views_that_may_be_taken() {
-    let mut session = session(40, SessionConfig { stop_below: 0.1, ..Default::default() });
-    let mut candidates = session.next_view().expect("an answer").candidates;
+    let mut candidates = session(40, SessionConfig::default()).next_view().expect("an answer").candidates;
     candidates.truncate(3);
     for (candidate, gain) in candidates.iter_mut().zip([0.01, 0.2, 0.9]) {
         candidate.objections.clear();
         candidate.expected_gain = Some(gain);
     }
     candidates[2].objections.push(Objection::scanned());
-    let stop = session.judge_stop(&candidates);
-    assert_eq!((stop.expected_gain, stop.stop), (0.2, false), "the second is worth it, the third is ruled out");
+    let stop = Stop::judge(&candidates, 0.1);
+    assert_eq!((stop.expected_gain, stop.stop), (Some(0.2), false), "the second is worth it, the third is ruled out");
     candidates.remove(1);
-    assert!(session.judge_stop(&candidates).stop, "the first alone is not");
+    assert!(Stop::judge(&candidates, 0.1).stop, "the first alone is not");
+    candidates[0].expected_gain = None;
+    let unknown = Stop::judge(&candidates, 0.1);
+    assert!(!unknown.stop && unknown.expected_gain.is_none(), "no prediction is no reason to end: {unknown:?}");
+    assert!(Stop::judge(&[], 0.0).stop, "no view is left");
+}
+
+#[test]
+fn what_no_allowed_view_sees_is_listed_but_not_missing() {
+    // Seen from above; its other side is open.
+    let missing = |floor: Option<f64>| {
+        let mut session = session(40, SessionConfig { working_distance_m: 1.0, ..Default::default() });
+        let mut config = session.config().clone();
+        config.constraints.floor_height_m = floor;
+        session.configure(config).expect("in range");
+        session.next_view().expect("an answer").missing.expect("the planner makes it out")
+    };
+    let (free, on_a_table) = (missing(None), missing(Some(-0.01)));
+    assert!(free.share > 0.3 && free.out_of_reach_share < 0.01, "{free:?}");
+    let whole = |m: &Missing| m.share + m.out_of_reach_share;
+    assert!((whole(&free) - whole(&on_a_table)).abs() < 1e-9, "both expect the same");
+    assert!(on_a_table.out_of_reach_share > 0.1, "the underside: {on_a_table:?}");
+    let hole = &free.holes[0];
+    assert_eq!((hole.unseen, hole.best_candidate.is_some()), (Unseen::FacesAway, true), "{hole:?}");
+    assert!(hole.normal[2] < -0.5 && (0.08..0.25).contains(&hole.size_m), "{hole:?}");
+    assert!(on_a_table.holes[0].within_reach < hole.within_reach, "{on_a_table:?}");
 }
 
 #[test]

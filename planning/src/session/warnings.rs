@@ -8,7 +8,7 @@ use nalgebra::Point3;
 impl Session {
     /// What is odd about sizes and distances.
     pub(super) fn warnings(&self, next: Option<&Candidate>, candidates: &[Candidate]) -> Vec<String> {
-        let mut warnings = Vec::new();
+        let mut warnings = self.doubts(next);
         let reports = || self.scans.iter().map(|s| &s.report);
         let (read, used): (usize, usize) = reports().fold((0, 0), |(r, u), x| (r + x.read, u + x.used));
         if reports().map(|r| r.thinned).sum::<usize>() * 10 > read {

@@ -151,6 +151,12 @@ impl VoxelGrid {
         [i % s, i / s % s, i / (s * s)]
     }
 
+    /// The middle of a voxel, world frame, metres.
+    pub(super) fn middle(&self, index: u32) -> Point3<f64> {
+        let at = self.coordinates(index);
+        self.low + Vector3::from_fn(|k, _| (at[k] as f64 + 0.5) * self.voxel)
+    }
+
     /// Whether all these points lie in the cube, a few voxels from its faces.
     pub(super) fn holds(&self, points: &[Point3<f64>]) -> bool {
         let (first, last) = (3.0, (self.inner - 1) as f32);
@@ -167,11 +173,12 @@ impl VoxelGrid {
         self.voxel * self.voxel * self.expected.iter().map(ExpectedVoxel::area).sum::<f64>()
     }
 
-    /// Takes in what a scan saw: free space along its rays, surface at their ends.
-    pub(super) fn carve(&mut self, scan: &PastScan) {
+    /// Takes in what a scan saw: free space along its rays, surface at their ends. `misses` is what pixels without a return
+    /// are taken to mean.
+    pub(super) fn carve(&mut self, scan: &PastScan, misses: Misses) {
         match &scan.seen {
-            Seen::Depth { camera, depth, misses } => {
-                self.carve_depth(&scan.world_from_camera, camera, depth, *misses);
+            Seen::Depth { camera, depth, .. } => {
+                self.carve_depth(&scan.world_from_camera, camera, depth, misses);
                 depth.for_each_point(camera, &scan.world_from_camera, |p| self.mark_surface(&p));
             }
             Seen::Points(points) => {

@@ -1,7 +1,7 @@
 use super::predict::{Forecast, bounded_stride};
 use super::tiles::{TILE, Tiles};
 use super::*;
-use crate::PastScan;
+use crate::{Misses, Seen};
 use geometry::{DepthImage, NeighborGrid, PointCloud, View, rng};
 
 mod outlines_and_areas;
@@ -238,7 +238,8 @@ fn rays_carve_the_cube_wherever_they_end() {
     let unknown_after = |end: Option<[f64; 3]>| {
         let mut grid = VoxelGrid::new(&Point3::origin(), 0.1, 0.01);
         let seen = Seen::Points(end.into_iter().map(Point3::from).collect());
-        grid.carve(&PastScan { world_from_camera: from_z(1.0).world_from_camera(), seen, pose: Default::default() });
+        let scan = PastScan { world_from_camera: from_z(1.0).world_from_camera(), seen, pose: Default::default() };
+        grid.carve(&scan, Misses::Unknown);
         grid.unknown.len()
     };
     let carved = |end| unknown_after(None) - unknown_after(Some(end));

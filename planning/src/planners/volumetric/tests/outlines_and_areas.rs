@@ -1,3 +1,4 @@
+use super::super::silhouette::Silhouette;
 use super::*;
 
 #[test]
@@ -87,4 +88,22 @@ fn given_views_are_scored_and_none_is_invented() {
     let order: Vec<usize> = ranked.iter().map(place).collect();
     assert_eq!((order.len(), order[2]), (3, 0), "where the camera was comes last: {order:?}");
     assert!(ranked[2].overlap > Some(0.7) && ranked[2].gain < Some(0.05), "{:?}", ranked[2]);
+}
+
+#[test]
+fn misses_are_not_free_space_where_another_scan_saw_surface() {
+    let mut state = ball(Misses::Free);
+    let mut planner = VolumetricPlanner::default();
+    planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
+    assert!(planner.scans_with_distrusted_misses().is_empty(), "nothing speaks against it");
+    // The sensor failed on a fifth of the ball, which a second look from the same place saw.
+    let mut dark = (*state.scans[0]).clone();
+    let Seen::Depth { depth, .. } = &mut dark.seen else { unreachable!("a depth image") };
+    let rows = depth.depth.len() / 5 * 2..depth.depth.len() / 5 * 3;
+    depth.depth[rows].fill(0.0);
+    state.scans = vec![Arc::new(dark), Arc::clone(&state.scans[0])];
+    state.num_scans = 2;
+    let mut planner = VolumetricPlanner::default();
+    planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
+    assert_eq!(planner.scans_with_distrusted_misses(), [1], "the first alone");
 }

@@ -1,0 +1,127 @@
+//! What the scans themselves contradict: a camera position that cannot be, scans that do not fit each other.
+
+use crate::answer::length;
+use crate::estimate::{direction_by_density, unhidden};
+use geometry::{NeighborGrid, PointCloud};
+use nalgebra::{Point3, Vector3};
+
+/// Working distances, or diagonals of the cloud, that a camera may be away.
+const FARTHEST: f64 = 100.0;
+/// Share of the points that must be seen from the camera: 95 % of simulated scans are over 0.81.
+const SEEN: f64 = 0.6;
+/// The density of points speaks clearly for one side of the surface with at most this misfit and this ratio to the other:
+/// 1 % are wrong ([`crate::estimate`]).
+const CLEAR: [f64; 2] = [0.1, 0.65];
+/// Points that are asked about the density, and about the fit to other scans.
+const ASKED: usize = 1_500;
+
+/// Why a camera position cannot be that of a cloud.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PositionDoubt {
+    /// So far from the cloud, metres.
+    TooFar(f64),
+    /// In the cloud.
+    Inside,
+    /// This share of the points is hidden behind others from there.
+    Hidden(f64),
+    /// The density of the points says that they were seen from the other side.
+    Behind,
+}
+
+impl PositionDoubt {
+    /// For people, after 'the camera position of scan 2'.
+    pub fn describe(&self) -> String {
+        match self {
+            Self::TooFar(away) => format!("is {} from its points: another unit?", length(*away)),
+            Self::Inside => "lies in its points".to_owned(),
+            Self::Hidden(share) => {
+                format!("does not see {:.0} % of its points, which lie behind others from there", 100.0 * share)
+            }
+            Self::Behind => "lies behind its surface, as far as the density of its points tells".to_owned(),
+        }
+    }
+}
+
+/// Why `from` cannot be where this cloud was scanned from; `None` where nothing speaks against it. `measured` are its points
+/// before thinning, `distance` is the working distance.
+pub fn of_position(
+    cloud: &PointCloud,
+    measured: &[Point3<f64>],
+    from: &Point3<f64>,
+    distance: f64,
+    spacing: f64,
+) -> Option<PositionDoubt> {
+    let (low, high) = cloud.bounding_box();
+    let (middle, diagonal) = (nalgebra::center(&low, &high), (high - low).norm());
+    let away = from - middle;
+    if away.norm() > FARTHEST * distance.max(diagonal) {
+        return Some(PositionDoubt::TooFar(away.norm()));
+    }
+    let nearest = cloud.points.iter().map(|p| (p - from).norm()).fold(f64::INFINITY, f64::min);
+    if nearest < 2.0 * spacing {
+        return Some(PositionDoubt::Inside);
+    }
+    let seen = unhidden(cloud, from, spacing);
+    if seen < SEEN {
+        return Some(PositionDoubt::Hidden(1.0 - seen));
+    }
+    let outward = away.normalize();
+    let told = direction_by_density(cloud, measured, &outward, away.norm(), spacing, ASKED)?;
+    let clear = told.trust.misfit < CLEAR[0] && told.trust.against_other_side < CLEAR[1];
+    (clear && told.direction.dot(&outward) < 0.0).then_some(PositionDoubt::Behind)
+}
+
+/// How far apart two scans lie where both should be the same surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Offset {
+    /// Median distance along the normals, metres.
+    pub apart_m: f64,
+    /// What points of one scan are apart in that way.
+    pub noise_m: f64,
+    /// Share of the new scan's points that are near enough to the others to compare.
+    pub shared: f64,
+}
+
+impl Offset {
+    /// Whether they do not fit: apart by clearly more than the noise and than a part of the tolerance.
+    pub fn is_misfit(&self, tolerance: f64) -> bool {
+        self.shared >= 0.02 && self.apart_m > 2.5 * self.noise_m + 0.3 * tolerance
+    }
+}
+
+/// Holds a scan against the cloud of those before it, within some tolerances or spacings; `None` where nothing is near.
+pub fn offset(old: &PointCloud, new: &PointCloud, tolerance: f64, spacing: f64) -> Option<Offset> {
+    let reach = (6.0 * tolerance).max(4.0 * spacing);
+    let grid = NeighborGrid::new(&old.points, reach);
+    // The nearest other point, and how far it is along the normal of this one.
+    let along = |points: &[Point3<f64>], p: &Point3<f64>, n: &Vector3<f64>, grid: &NeighborGrid, own: bool| {
+        let (mut least, mut found) = (reach * reach, None);
+        grid.for_each_within(p, reach, |j| {
+            let d2 = (points[j] - p).norm_squared();
+            if d2 < least && !(own && d2 == 0.0) {
+                (least, found) = (d2, Some(j));
+            }
+        });
+        Some((n.try_normalize(0.0)?.dot(&(points[found?] - p))).abs())
+    };
+    let few = |cloud: &PointCloud| {
+        let step = cloud.len().div_ceil(ASKED).max(1);
+        (0..cloud.len()).step_by(step).collect::<Vec<_>>()
+    };
+    let asked = few(new);
+    let mut apart: Vec<f64> =
+        asked.iter().filter_map(|&i| along(&old.points, &new.points[i], new.normals.get(i)?, &grid, false)).collect();
+    let own = NeighborGrid::new(&new.points, reach);
+    let mut noise: Vec<f64> =
+        asked.iter().filter_map(|&i| along(&new.points, &new.points[i], new.normals.get(i)?, &own, true)).collect();
+    let shared = apart.len() as f64 / asked.len().max(1) as f64;
+    Some(Offset { apart_m: median(&mut apart)?, noise_m: median(&mut noise)?, shared })
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests;

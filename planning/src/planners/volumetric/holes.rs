@@ -1,0 +1,236 @@
+//! What is missing: the membrane in connected pieces, why no scan has measured each, and whether a view that may be taken
+//! sees it.
+
+use super::VolumetricPlanner;
+use super::grid::VoxelGrid;
+use super::march::{Hit, Marcher};
+use crate::{PastScan, ScanState, Seen};
+use geometry::{PinholeCamera, View};
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Voxels of a hole that are looked at, at most.
+const SAMPLES: usize = 48;
+/// Directions from which each is looked at where no candidate sees it.
+const DIRECTIONS: usize = 24;
+/// A ray shows a voxel if it ends within this many voxels of its middle.
+const NEAR: f32 = 2.0;
+/// Cosine to the expected normal under which a camera stands beside or behind.
+const EDGE_ON: f64 = 0.2;
+
+/// A connected piece of the surface that is expected where nothing is known yet. World frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hole {
+    /// A point on it, in its middle, metres.
+    pub center_m: [f64; 3],
+    /// Its mean normal, outwards, of unit length; zero where it closes around.
+    pub normal: [f64; 3],
+    /// Its largest extent, metres.
+    pub size_m: f64,
+    /// Square metres.
+    pub area_m2: f64,
+    /// Share of the whole surface, measured and expected.
+    pub share: f64,
+    /// Why no scan has measured it: of most of it.
+    pub unseen: Unseen,
+    /// Share of it that a view sees that may be taken.
+    pub within_reach: f64,
+    /// The allowed candidate that sees most of it, as a rank; absent where none sees any.
+    pub best_candidate: Option<usize>,
+}
+
+/// Why a piece of surface was not measured: what came nearest to it in any scan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unseen {
+    /// It is in no image.
+    OutsideImage,
+    /// It faces away from all cameras, or was seen edge-on.
+    FacesAway,
+    /// Something stood in front of it.
+    Hidden,
+    /// A camera looked at it, and measured nothing.
+    NoReturn,
+}
+
+impl Unseen {
+    /// For people.
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::OutsideImage => "in no image yet",
+            Self::FacesAway => "faces away from all cameras so far",
+            Self::Hidden => "hidden behind other parts so far",
+            Self::NoReturn => "looked at, but nothing was measured there",
+        }
+    }
+}
+
+/// The views that may be taken.
+pub struct Allowed<'a> {
+    /// Ranked candidates (`world_from_camera`), best first, with their ranks.
+    pub candidates: &'a [(usize, Isometry3<f64>)],
+    /// Whether the camera may take any other; `None` where there are no others.
+    pub others: Option<&'a dyn Fn(&View) -> bool>,
+}
+
+impl VolumetricPlanner {
+    /// The holes of the surface as it was at the last decision, largest first.
+    pub fn holes(&self, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
+        let Some(grid) = &self.grid else { return Vec::new() };
+        let total = (self.surface.known_m2 + self.surface.expected_m2).max(f64::MIN_POSITIVE);
+        let marcher = Marcher::new(grid, self.carves);
+        let mut holes: Vec<Hole> =
+            pieces(grid).into_iter().map(|piece| describe(&marcher, state, allowed, &piece, total)).collect();
+        holes.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
+        holes
+    }
+}
+
+/// The voxels of the membrane, as places in `expected`, in pieces that touch.
+fn pieces(grid: &VoxelGrid) -> Vec<Vec<usize>> {
+    let s = grid.side;
+    let mut taken = vec![false; grid.expected.len()];
+    let mut pieces = Vec::new();
+    for start in 0..taken.len() {
+        if std::mem::replace(&mut taken[start], true) {
+            continue;
+        }
+        let mut piece = vec![start];
+        let mut next = 0;
+        while let Some(&at) = piece.get(next) {
+            next += 1;
+            let low = grid.expected[at].index as usize - (s * s + s + 1);
+            for j in 0..27 {
+                let around = low + j % 3 + (j / 3 % 3) * s + (j / 9) * s * s;
+                let k = grid.slot[around] as usize;
+                let touches = grid.expected.get(k).is_some_and(|e| e.index as usize == around);
+                if touches && !std::mem::replace(&mut taken[k], true) {
+                    piece.push(k);
+                }
+            }
+        }
+        piece.sort_unstable();
+        pieces.push(piece);
+    }
+    pieces
+}
+
+fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[usize], total: f64) -> Hole {
+    let grid = marcher.grid();
+    let voxels: Vec<Spot> = piece.iter().map(|&k| Spot::of(grid, k)).collect();
+    let area: f64 = voxels.iter().map(|v| v.area).sum();
+    let mean = voxels.iter().map(|v| v.point.coords * v.area).sum::<Vector3<f64>>() / area;
+    let from_mean = |v: &&Spot| (v.point.coords - mean).norm_squared();
+    let center = voxels.iter().min_by(|a, b| from_mean(a).total_cmp(&from_mean(b))).map_or(mean.into(), |v| v.point);
+    let normal = voxels.iter().map(|v| v.normal * v.area).sum::<Vector3<f64>>().try_normalize(1e-3 * area);
+    let farthest = voxels.iter().map(|v| (v.point - center).norm()).fold(0.0, f64::max);
+    let samples: Vec<&Spot> = voxels.iter().step_by(voxels.len().div_ceil(SAMPLES)).collect();
+    let count = |seen: &[bool]| seen.iter().filter(|s| **s).count();
+    let mut reached = vec![false; samples.len()];
+    let mut best: Option<(usize, usize)> = None;
+    for (rank, pose) in allowed.candidates {
+        let seen: Vec<bool> = samples.iter().map(|spot| spot.is_seen(marcher, &state.camera, pose)).collect();
+        reached.iter_mut().zip(&seen).for_each(|(all, one)| *all |= one);
+        let seen = count(&seen);
+        if seen > best.map_or(0, |(_, most)| most) {
+            best = Some((*rank, seen));
+        }
+    }
+    if let Some(may_be_taken) = allowed.others {
+        for (reached, spot) in reached.iter_mut().zip(&samples).filter(|(reached, _)| !**reached) {
+            *reached = spot.directions().any(|direction| {
+                let view = View { target: spot.point, position: spot.point + state.working_distance * direction };
+                spot.is_in_sight(marcher, &view.position) && may_be_taken(&view)
+            });
+        }
+    }
+    Hole {
+        center_m: center.coords.into(),
+        normal: normal.unwrap_or_default().into(),
+        size_m: 2.0 * farthest + grid.voxel,
+        area_m2: area,
+        share: area / total,
+        unseen: why(marcher, &samples, state),
+        within_reach: count(&reached) as f64 / samples.len().max(1) as f64,
+        best_candidate: best.map(|(rank, _)| rank),
+    }
+}
+
+/// What holds of most of the samples.
+fn why(marcher: &Marcher, samples: &[&Spot], state: &ScanState) -> Unseen {
+    let reasons = [Unseen::OutsideImage, Unseen::FacesAway, Unseen::Hidden, Unseen::NoReturn];
+    let nearest = |spot: &&Spot| state.scans.iter().map(|scan| spot.why(marcher, scan)).max();
+    let found: Vec<Option<Unseen>> = samples.iter().map(nearest).collect();
+    let count = |reason: &Unseen| found.iter().filter(|f| **f == Some(*reason)).count();
+    reasons.into_iter().max_by_key(count).unwrap_or(Unseen::OutsideImage)
+}
+
+/// A voxel of the membrane.
+struct Spot {
+    point: Point3<f64>,
+    normal: Vector3<f64>,
+    /// Square metres.
+    area: f64,
+}
+
+impl Spot {
+    fn of(grid: &VoxelGrid, k: usize) -> Self {
+        let voxel = &grid.expected[k];
+        let normal = Vector3::from(voxel.normal).cast();
+        Self { point: grid.middle(voxel.index), normal, area: voxel.area() * grid.voxel.powi(2) }
+    }
+
+    /// What a ray from `eye` meets, and how far the eye is, voxels.
+    fn looked_at<'a>(&self, marcher: &'a Marcher, eye: &Point3<f64>) -> (Hit<'a>, f32) {
+        let grid = marcher.grid();
+        let [from, to] = [eye, &self.point].map(|p| Vector3::from(grid.local(p)));
+        let distance = (to - from).norm();
+        // No farther back than the grid reaches.
+        let near = (distance - 2.0 * grid.side as f32).max(0.0);
+        let ray = (to - from) / distance.max(f32::MIN_POSITIVE);
+        (marcher.follow(&from.into(), &ray.into(), near, distance + NEAR), distance)
+    }
+
+    fn is_in_sight(&self, marcher: &Marcher, eye: &Point3<f64>) -> bool {
+        let (hit, distance) = self.looked_at(marcher, eye);
+        matches!(hit, Hit::Expected { at, .. } if (at - distance).abs() <= NEAR)
+    }
+
+    fn is_seen(&self, marcher: &Marcher, camera: &PinholeCamera, pose: &Isometry3<f64>) -> bool {
+        in_image(camera, pose, &self.point) && self.is_in_sight(marcher, &Point3::from(pose.translation.vector))
+    }
+
+    fn why(&self, marcher: &Marcher, scan: &PastScan) -> Unseen {
+        let pose = &scan.world_from_camera;
+        let eye = Point3::from(pose.translation.vector);
+        let outside = matches!(&scan.seen, Seen::Depth { camera, .. } if !in_image(camera, pose, &self.point));
+        let ray = eye - self.point;
+        if outside {
+            return Unseen::OutsideImage;
+        }
+        if self.normal != Vector3::zeros() && self.normal.dot(&ray) < EDGE_ON * ray.norm() {
+            return Unseen::FacesAway;
+        }
+        if self.is_in_sight(marcher, &eye) { Unseen::NoReturn } else { Unseen::Hidden }
+    }
+
+    /// Directions over the half space that it faces.
+    fn directions(&self) -> impl Iterator<Item = Vector3<f64>> {
+        let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        let all = (0..2 * DIRECTIONS).map(move |i| {
+            let z = 1.0 - (i as f64 + 0.5) / DIRECTIONS as f64;
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            Vector3::new(r * cos, r * sin, z)
+        });
+        let normal = self.normal;
+        all.filter(move |d| normal == Vector3::zeros() || d.dot(&normal) > EDGE_ON)
+    }
+}
+
+fn in_image(camera: &PinholeCamera, pose: &Isometry3<f64>, point: &Point3<f64>) -> bool {
+    let local = pose.inverse() * point;
+    let pixel = camera.project(&local);
+    let inside = |x: f64, size: u32| x > -0.5 && x < f64::from(size) - 0.5;
+    local.z > 0.0 && inside(pixel.x, camera.width) && inside(pixel.y, camera.height)
+}

@@ -1,0 +1,68 @@
+//! What the scans contradict, and what was made of it.
+
+use super::Session;
+use crate::answer::{Candidate, length};
+use crate::doubt;
+use geometry::PointCloud;
+use nalgebra::Point3;
+
+impl Session {
+    /// Holds each scan that was not yet against those before it.
+    pub(super) fn compare_scans(&mut self) {
+        for i in self.offsets.len()..self.scans.len() {
+            let mut before = PointCloud::default();
+            self.scans[..i].iter().for_each(|scan| before.merge(&scan.cloud));
+            let scan = &self.scans[i];
+            let offset = match i {
+                0 => None,
+                _ => doubt::offset(&before, &scan.cloud, self.config.tolerance_m, scan.spacing),
+            };
+            self.offsets.push(offset);
+        }
+    }
+
+    /// A sentence for each doubt.
+    pub(super) fn doubts(&self, next: Option<&Candidate>) -> Vec<String> {
+        let mut doubts = Vec::new();
+        for (number, scan) in (1..).zip(&self.scans) {
+            if let Some(doubt) = &scan.doubt {
+                doubts.push(format!(
+                    "the camera position of scan {number} {}; it is not used, and estimated from the points instead",
+                    doubt.describe()
+                ));
+            }
+        }
+        for (number, offset) in (1..).zip(&self.offsets) {
+            if let Some(offset) = offset.filter(|o| o.is_misfit(self.config.tolerance_m)) {
+                doubts.push(format!(
+                    "scan {number} lies {} off the scans before it where both should be the same surface (their noise: \
+                     {}): register it, or check its pose",
+                    length(offset.apart_m),
+                    length(offset.noise_m)
+                ));
+            }
+        }
+        for number in self.planners.scans_with_distrusted_misses() {
+            doubts.push(format!(
+                "scan {number} has pixels without a return where other scans saw surface: its misses are not taken for free \
+                 space (camera.misses, --misses unknown)"
+            ));
+        }
+        if let Some(next) = next
+            && self.config.constraints.floor_height_m.is_none()
+        {
+            let up = self.config.constraints.up();
+            let height = |p: &Point3<f64>| p.coords.dot(&up);
+            let lowest = self.state.cloud.points.iter().map(height).fold(f64::INFINITY, f64::min);
+            let camera = height(&Point3::from(next.position_m));
+            if camera < lowest {
+                doubts.push(format!(
+                    "the camera would be {} below the lowest measured point: if the object stands on something, give \
+                     constraints.floor_height_m",
+                    length(lowest - camera)
+                ));
+            }
+        }
+        doubts
+    }
+}

@@ -1,0 +1,35 @@
+//! What is missing of the surface, and which of it the camera may see.
+
+use super::Session;
+use crate::answer::Candidate;
+use crate::config::PlannerName;
+use crate::constraints::{ConstraintsConfig, Surroundings};
+use crate::stop::Missing;
+use crate::{Allowed, Surface};
+use geometry::View;
+use nalgebra::Isometry3;
+
+impl Session {
+    /// What the planner that has just answered finds missing, and the surface with it; `None` where it does not make that out.
+    pub(super) fn missing(
+        &self,
+        planner: PlannerName,
+        candidates: &[Candidate],
+        known: &Surroundings,
+    ) -> Option<(Missing, Surface)> {
+        let surface = self.planners.surface(planner)?;
+        let pose = |c: &Candidate| match c.given {
+            Some(i) => self.given_views[i],
+            None => View { target: c.target_m.into(), position: c.position_m.into() }.world_from_camera(),
+        };
+        let allowed: Vec<(usize, Isometry3<f64>)> =
+            candidates.iter().filter(|c| c.objections.is_empty()).map(|c| (c.rank, pose(c))).collect();
+        // Where the camera may go in the end, not with the next move.
+        let limits =
+            ConstraintsConfig { max_travel_m: None, visited_radius_m: None, ..self.config.constraints.clone() };
+        let others = |view: &View| limits.objections(view, None, known).is_empty();
+        let any_other = self.given_views.is_empty();
+        let allowed = Allowed { candidates: &allowed, others: any_other.then_some(&others) };
+        Some(Missing::of(self.planners.holes(planner, &self.state, &allowed), &surface))
+    }
+}
