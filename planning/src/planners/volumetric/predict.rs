@@ -120,10 +120,20 @@ pub(super) fn covered_share(pitch: f32, cosine: f32, tolerance: f32) -> f32 {
 }
 
 impl Forecast {
-    /// Expected overlap; `None` where nothing is expected to be seen. `trust` is that of the voxels.
+    /// Share of the scan that is expected to lie within the tolerance of the cloud; `None` where nothing is expected to be
+    /// seen. `trust` is that of the voxels.
     pub(super) fn overlap(&self, trust: f64) -> Option<f64> {
+        self.share(trust * self.covered)
+    }
+
+    /// Share of the scan that is expected to show surface that was measured, however densely.
+    pub(super) fn seen_again(&self, trust: f64) -> Option<f64> {
+        self.share(trust * (self.known + self.known_behind))
+    }
+
+    fn share(&self, of: f64) -> Option<f64> {
         let seen = self.known + self.known_behind + self.expected;
-        (seen > 0.0).then(|| (trust * self.covered / seen).min(1.0))
+        (seen > 0.0).then(|| (of / seen).min(1.0))
     }
 }
 

@@ -1,0 +1,103 @@
+//! The planner's areas against parry's rays, which share no code with it: samples of a box and of a torus, each of which
+//! stands for the same area, are in a view where the ray from its camera to them meets nothing before.
+
+use datagen::{RenderConfig, RenderScratch, Scene};
+use geometry::sampling::sample_surface;
+use geometry::{Mesh, PinholeCamera, View, rng};
+use nalgebra::{Point3, Vector3};
+use parry3d::query::{Ray, RayCast};
+use parry3d::shape::TriMesh;
+use planning::config::CameraConfig;
+use planning::{Misses, Scan, Session, SessionConfig, VolumetricPlanner};
+
+const SAMPLES: usize = 20_000;
+
+/// A box of 20 x 14 x 10 cm.
+fn cuboid() -> Mesh {
+    let vertex = |i: usize| Point3::new([-0.1, 0.1][i & 1], [-0.07, 0.07][i >> 1 & 1], [-0.05, 0.05][i >> 2 & 1]);
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    Mesh { vertices: (0..8).map(vertex).collect(), triangles }
+}
+
+/// A torus with radii of 8 and 3 cm, lying flat.
+fn torus() -> Mesh {
+    let (around, across) = (96u32, 48u32);
+    let angle = |i: u32, n: u32| std::f64::consts::TAU * f64::from(i) / f64::from(n);
+    let vertex = |(i, j): (u32, u32)| {
+        let (a, b) = (angle(i, around), angle(j, across));
+        let r = 0.08 + 0.03 * b.cos();
+        Point3::new(r * a.cos(), r * a.sin(), 0.03 * b.sin())
+    };
+    let all = || (0..around).flat_map(|i| (0..across).map(move |j| (i, j)));
+    let at = |i: u32, j: u32| i % around * across + j % across;
+    let faces = |(i, j): (u32, u32)| {
+        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    };
+    Mesh { vertices: all().map(vertex).collect(), triangles: all().flat_map(faces).collect() }
+}
+
+fn glam(v: &Vector3<f64>) -> parry3d::math::Vector {
+    parry3d::math::Vector::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+/// Which samples a camera there sees.
+fn seen(mesh: &TriMesh, samples: &[Point3<f64>], eye: &Point3<f64>) -> Vec<bool> {
+    let sees = |p: &Point3<f64>| {
+        let ray = p - eye;
+        let hit = mesh.cast_local_ray(&Ray::new(glam(&eye.coords), glam(&ray.normalize())), f32::MAX, false);
+        hit.is_some_and(|t| (f64::from(t) - ray.norm()).abs() < 5e-4)
+    };
+    samples.iter().map(sees).collect()
+}
+
+fn view(direction: [f64; 3], distance: f64) -> View {
+    View { target: Point3::origin(), position: Point3::from(distance * Vector3::from(direction).normalize()) }
+}
+
+#[test]
+fn known_areas_are_those_of_independent_rays() {
+    for (name, mesh) in [("box", cuboid()), ("torus", torus())] {
+        let samples = sample_surface(&mesh, SAMPLES, &mut rng::stream(1, name));
+        let each = mesh.area() / SAMPLES as f64;
+        let rays = TriMesh::new(mesh.vertices.iter().map(|v| glam(&v.coords)).collect(), mesh.triangles.clone())
+            .expect("triangles");
+        let scene = Scene::new(mesh);
+        for (distance, (width, height, fov_y_deg)) in
+            [(0.5, (640, 480, 50.0)), (1.2, (1280, 720, 50.0)), (2.0, (1920, 1080, 30.0))]
+        {
+            let camera_config = CameraConfig { width, height, fov_y_deg, intrinsics: None };
+            let camera: PinholeCamera = camera_config.camera();
+            let config =
+                SessionConfig { working_distance_m: distance, camera: camera_config, ..SessionConfig::default() };
+            let mut session = Session::new(config, None).expect("settings in range");
+            let mut known = vec![false; SAMPLES];
+            for direction in [[0.7, 0.5, 1.0], [1.0, -0.9, 0.7]] {
+                let view = view(direction, distance);
+                let pose = view.world_from_camera();
+                let depth =
+                    scene.render(&camera, &pose, &RenderConfig::default(), &mut RenderScratch::default()).clone();
+                let scan = Scan::Depth { camera, depth, world_from_camera: pose, misses: Misses::Free };
+                session.add_scan(scan).expect("a scan");
+                known.iter_mut().zip(seen(&rays, &samples, &view.position)).for_each(|(k, s)| *k |= s);
+            }
+            let views =
+                [[0.7, 0.5, 1.0], [-0.6, 0.9, 0.8], [1.0, 1.0, 0.6], [0.5, -1.0, 0.6]].map(|d| view(d, distance));
+            session.set_given_views(views.iter().map(View::world_from_camera).collect());
+            let forecasts = VolumetricPlanner::default().forecast(session.state(), &mut rng::stream(1, "forecast"));
+            for (view, forecast) in views.iter().zip(&forecasts.views) {
+                let shown = seen(&rays, &samples, &view.position);
+                let area = each * known.iter().zip(&shown).filter(|(k, s)| **k && **s).count() as f64;
+                let ratio = forecast.known_m2 / area;
+                println!("{name} from {distance} m: {:.4} m2, true {area:.4}: {ratio:.3}", forecast.known_m2);
+                // Voxels reach past the edge of what was measured.
+                assert!((0.9..1.25).contains(&ratio), "{name} from {distance} m, {:?}: {ratio}", view.position);
+            }
+            let all = each * known.iter().filter(|k| **k).count() as f64;
+            let ratio = forecasts.surface.known_m2 / all;
+            println!("{name} from {distance} m, all: {ratio:.3}");
+            assert!((ratio - 1.0).abs() < 0.1, "{name} from {distance} m, all that was measured: {ratio}");
+        }
+    }
+}
