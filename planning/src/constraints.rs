@@ -122,7 +122,8 @@ impl ConstraintsConfig {
         self.max_travel_m.is_some() || self.travel_weight_per_m > 0.0
     }
 
-    /// Every constraint that rules the view out, each with what was found and allowed; empty if it may be taken.
+    /// Every constraint that rules the view out, each with what was found and allowed; empty if it may be taken. `overlap` is the
+    /// least that can be expected.
     pub fn objections(&self, view: &View, overlap: Option<f64>, known: &Surroundings) -> Vec<Objection> {
         let camera = &view.position;
         let up = self.up();
@@ -152,8 +153,9 @@ impl ConstraintsConfig {
                 object(Constraint::Travel, format!("{travel:.3} m from the current position, allowed {most:.3} m"));
             }
         }
-        if let Some(overlap) = overlap.filter(|o| *o < self.min_overlap) {
-            object(Constraint::Overlap, format!("expected overlap {overlap:.2}, required {:.2}", self.min_overlap));
+        if let Some(overlap) = overlap.filter(|o| self.min_overlap > 0.0 && *o < self.min_overlap) {
+            let overlap = overlap.max(0.0);
+            object(Constraint::Overlap, format!("overlap of at least {overlap:.2}, required {:.2}", self.min_overlap));
         }
         if let Some(radius) = self.visited_radius_m {
             let nearest = known.visited.iter().map(|p| (p - camera).norm()).fold(f64::INFINITY, f64::min);

@@ -1,6 +1,18 @@
-//! Overlap expected of a view where the planner predicts none: rough, from the cloud alone.
+//! Overlap expected of a view: how far it may be missed, and a rough estimate from the cloud alone where the planner
+//! predicts none.
 
 use geometry::{PinholeCamera, PointCloud, View};
+
+/// By how much an expected overlap is taken to be missed where a least one is asked for, after this many scans: what nobody
+/// expected early turns up in the image. Of 78 first next views on 26 objects, 8 had an overlap under 0.2 where 0.3 were asked
+/// for without it, 2 with it; of the second and third none.
+pub fn margin(scans: usize) -> f64 {
+    match scans {
+        0 | 1 => 0.1,
+        2 => 0.05,
+        _ => 0.0,
+    }
+}
 
 /// Points that one scan of this cloud usually shows: an even share, and no fewer than a third of the cloud (a
 /// scan shows about that much of a closed object).

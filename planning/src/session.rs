@@ -266,7 +266,7 @@ impl Session {
                     expected_overlap: overlap,
                     objections: match scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
                         true => vec![Objection::scanned()],
-                        false => constraints.objections(view, overlap, &known),
+                        false => constraints.objections(view, overlap.map(|o| o - overlap::margin(num_scans)), &known),
                     },
                     given,
                 }

@@ -11,6 +11,7 @@ mod silhouette;
 mod tiles;
 
 use crate::candidates::candidate_views_among;
+use crate::overlap::margin;
 use crate::planner::checked;
 use crate::{Angles, CandidateConfig, PastScan, PlanError, Planner, RankedView, ScanState};
 use carved::Carved;
@@ -48,7 +49,8 @@ pub struct VolumetricConfig {
     /// Added to the score per half turn between a view and the nearest past one (0.08): late, when little is expected
     /// anywhere, what is still missing is rather seen from where no camera has been.
     pub novelty: f64,
-    /// Views with a smaller expected overlap come after all others (0: none).
+    /// Views with a smaller expected overlap, less what it may be missed by ([`crate::overlap::margin`]), come after all others
+    /// (0: none).
     pub min_overlap: f64,
     /// Voxels are twice the tolerance wide, at least a pixel at the working distance, or a spacing of the cloud where that
     /// is coarser, and at most this many of those (3.5). They grow where memory would not do. About one ray goes through
@@ -249,7 +251,11 @@ impl VolumetricPlanner {
             RankedView { view: f.view, score, gain: Some(f.told_gain), overlap: f.told_overlap }
         };
         let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
-        let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < self.config.min_overlap;
+        let least = match self.config.min_overlap {
+            none if none <= 0.0 => 0.0,
+            asked => asked + margin(self.carved.len()),
+        };
+        let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < least;
         ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));
         ranked
     }

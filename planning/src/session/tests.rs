@@ -77,3 +77,24 @@ fn no_camera_stands_in_the_surface_unless_asked_for() {
     session.configure(config).expect("in range");
     assert!(session.next_view().expect("an answer").next.is_some(), "asked for");
 }
+
+#[test]
+fn a_least_overlap_is_asked_of_what_is_expected_less_what_it_may_be_missed_by() {
+    let mut config = SessionConfig { working_distance_m: 1.0, ..Default::default() };
+    let told = |config: &SessionConfig| {
+        let answer = session(40, config.clone()).next_view().expect("an answer");
+        let told = |c: &Candidate| (c.expected_overlap.expect("a prediction"), c.objections.is_empty());
+        answer.candidates.iter().map(told).collect::<Vec<(f64, bool)>>()
+    };
+    let mut all: Vec<f64> = told(&config).iter().map(|(overlap, _)| *overlap).collect();
+    all.sort_by(f64::total_cmp);
+    let middle = all[all.len() / 2];
+    config.constraints.min_overlap = middle - 0.05;
+    for (overlap, allowed) in told(&config) {
+        assert_eq!(
+            allowed,
+            overlap - 0.1 >= middle - 0.05,
+            "{overlap} expected after one scan, {middle} in the middle"
+        );
+    }
+}
