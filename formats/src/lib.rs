@@ -13,9 +13,11 @@ pub mod html;
 pub mod manifest;
 pub mod mesh;
 pub mod ply;
+pub mod poses;
 #[cfg(feature = "program")]
 pub mod program;
 pub mod run;
+pub mod sequence;
 pub mod shard;
 pub mod surface;
 

@@ -1,7 +1,7 @@
 //! A view as a pose that a robot can use.
 
 use geometry::View;
-use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// How the roll about the optical axis is chosen.
@@ -72,6 +72,21 @@ pub fn rigid(rows: &[[f64; 4]; 4]) -> Result<(Isometry3<f64>, f64), String> {
     Ok((Isometry3::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation), off))
 }
 
+/// A quaternion (x, y, z, w; normalised) and a translation as a rigid motion.
+///
+/// # Errors
+/// A quaternion that is not of unit length, numbers that are not finite.
+pub fn from_quaternion([x, y, z, w]: [f64; 4], translation: [f64; 3]) -> Result<Isometry3<f64>, String> {
+    let quaternion = Quaternion::new(w, x, y, z);
+    if !(quaternion.norm() - 1.0).is_finite() || (quaternion.norm() - 1.0).abs() > 0.01 {
+        return Err(format!("a quaternion of length {}, not 1", quaternion.norm()));
+    }
+    if translation.iter().any(|t| !t.is_finite()) {
+        return Err("a translation that is not finite".to_owned());
+    }
+    Ok(Isometry3::from_parts(Translation3::from(translation), UnitQuaternion::from_quaternion(quaternion)))
+}
+
 /// Rotations are farther off than by rounding, and are refused.
 const MOST_OFF: f64 = 0.1;
 
@@ -91,7 +106,7 @@ impl From<&Isometry3<f64>> for Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Point3, Quaternion};
+    use nalgebra::Point3;
     use proptest::prelude::*;
 
     fn view(position: [f64; 3]) -> View {

@@ -1,0 +1,144 @@
+use super::*;
+use nalgebra::Point3;
+
+/// sin and cos of 45 degrees: a quarter turn about z takes x to y, and back takes x to -y.
+const H: &str = "0.7071067811865476";
+
+fn read(text: &str) -> PoseFile {
+    parse_poses("poses".as_ref(), text.as_bytes()).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+fn refused(text: &str) -> String {
+    parse_poses("poses".as_ref(), text.as_bytes()).expect_err(text).to_string()
+}
+
+/// Every pose takes (1, 0, 0) of the camera to `expected` of the world.
+fn takes(text: &str, expected: [f64; 3], count: usize) -> PoseFile {
+    let file = read(text);
+    assert_eq!(file.poses.len(), count, "{text}");
+    for pose in &file.poses {
+        let found = pose.world_from_camera * Point3::new(1.0, 0.0, 0.0);
+        assert!((found - Point3::from(expected)).norm() < 1e-9, "{found} instead of {expected:?}: {text}");
+    }
+    file
+}
+
+/// The quarter turn and (1, 2, 3): (1, 0, 0) becomes (0, 1, 0) and then (1, 3, 3).
+const FORWARD: [f64; 3] = [1.0, 3.0, 3.0];
+/// Of its inverse: (1, 0, 0) less (1, 2, 3) is (0, -2, -3), turned back (-2, 0, -3).
+const INVERSE: [f64; 3] = [-2.0, 0.0, -3.0];
+
+#[test]
+fn rows_and_lines_are_world_from_camera() {
+    takes("0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n", FORWARD, 1);
+    let relative = "\u{feff}# saved by hand\r\n\r\n0,-1,0,1 # first row\r\n1;0;0;2\r\n 0\t0 1 3\r\n0 0 0 1\r\n\r\n";
+    takes(&format!("{relative}{}", &relative[3..]), FORWARD, 2);
+    takes(&format!("12.5 1 2 3 0 0 {H} {H}\n"), FORWARD, 1);
+    takes(
+        &format!("# time x y z qx qy qz qw\r\n\r\n1e9 1 2 3 0 0 {H} {H}\r\n2e9, 1, 2, 3, 0, 0, {H}, {H}"),
+        FORWARD,
+        2,
+    );
+    let log = "0 0 1\n0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n";
+    takes(log, FORWARD, 1);
+    let file = takes(&format!("# log\r\n{}\r\n{}", log, log.replace("0 0 1\n0 -1", "7 7 8\n0 -1")), FORWARD, 2);
+    assert_eq!(file.poses[1].name.as_deref(), Some("7"));
+}
+
+#[test]
+fn a_conf_turns_the_other_way_and_shifts_as_written() {
+    // Back by a quarter, (1, 0, 0) becomes (0, -1, 0), and (1, 1, 3) with the translation.
+    let expected = [1.0, 1.0, 3.0];
+    let file = takes(&format!("bmesh a.ply 1 2 3 0 0 {H} {H}\n"), expected, 1);
+    assert!(file.of_scans && file.poses[0].name.as_deref() == Some("a.ply"));
+    let viewer = "camera -0.0172 -0.0936 -0.734  -0.0461723 0.970603 -0.235889 0.0124573";
+    takes(&format!("{viewer}\r\n\r\nbmesh a.ply  1 2 3 0 0 {H} {H} \r\nmesh b.ply 1 2 3 0 0 {H} {H}"), expected, 2);
+}
+
+#[test]
+fn colmap_is_camera_from_world() {
+    takes(&format!("1 {H} 0 0 {H} 1 2 3 1 a.png\n\n"), INVERSE, 1);
+    let points = "# Image list\r\n#   IMAGE_ID, QW, ...\r\n\r\n";
+    let two = format!(
+        "{points}3 {H} 0 0 {H} 1 2 3 1 left eye.png\r\n10.5 20.5 -1 30.5 40.5 7\r\n4 {H} 0 0 {H} 1 2 3 1 0004\r\n\r\n5 {H} 0 0 {H} \
+         1 2 3 1 c.png\r\n6 {H} 0 0 {H} 1 2 3 1 d.png\r\n"
+    );
+    let file = takes(&two, INVERSE, 4);
+    let names: Vec<_> = file.poses.iter().filter_map(|p| p.name.as_deref()).collect();
+    assert_eq!(names, ["left eye.png", "0004", "c.png", "d.png"]);
+}
+
+#[test]
+fn bop_is_camera_from_world_in_millimetres() {
+    let r = "[0, -1, 0, 1, 0, 0, 0, 0, 1]";
+    let camera = format!(
+        "\"cam_K\": [500, 0, 320, 0, 510, 240, 0, 0, 1], \"depth_scale\": 0.1, \"cam_R_w2c\": {r}, \
+                          \"cam_t_w2c\": [1000, 2000, 3000]"
+    );
+    let file = takes(&format!("{{\"10\": {{{camera}}},\r\n \"9\": {{{camera}, \"extra\": null}}}}"), INVERSE, 2);
+    assert_eq!(file.poses[0].intrinsics, Some([500.0, 510.0, 320.0, 240.0]));
+    assert_eq!(file.poses[0].name.as_deref(), Some("9"), "by number, not as text");
+    let truth = format!("{{\"cam_R_m2c\": {r}, \"cam_t_m2c\": [1000, 2000, 3000], \"obj_id\": 4}}");
+    takes(&format!("{{\"0\": [{truth}]}}"), INVERSE, 1);
+    takes(&format!("\n{{ \"3\": [{truth}], \"000004\": [{truth}] }}\r\n"), INVERSE, 2);
+    assert!(refused(&format!("{{\"0\": [{truth}, {truth}]}}")).contains("image 0: found 2 objects"));
+    let without = "{\"0\": {\"cam_K\": [500, 0, 320, 0, 510, 240, 0, 0, 1], \"depth_scale\": 1.0}}";
+    assert!(refused(without).contains("scene_gt.json"));
+}
+
+#[test]
+fn open3d_is_camera_from_world_by_columns() {
+    let camera = "{\"class_name\": \"PinholeCameraParameters\", \"extrinsic\": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1], \
+                  \"intrinsic\": {\"height\": 480, \"width\": 640, \"intrinsic_matrix\": [500, 0, 0, 0, 510, 0, 320, 240, 1]}, \
+                  \"version_major\": 1}";
+    let file = takes(camera, INVERSE, 1);
+    assert_eq!(file.poses[0].intrinsics, Some([500.0, 510.0, 320.0, 240.0]));
+    let bare = "{\"extrinsic\": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]}";
+    takes(
+        &format!("{{\"class_name\": \"PinholeCameraTrajectory\",\r\n\"parameters\": [{camera}, {bare}]}}"),
+        INVERSE,
+        2,
+    );
+}
+
+#[test]
+fn our_json_is_world_from_camera() {
+    let m = "[[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]";
+    takes(m, FORWARD, 1);
+    takes(&format!("[{m}, {{\"world_from_camera\": {m}}}]"), FORWARD, 2);
+    let file = takes(
+        &format!("{{\r\n\"world_from_camera\": {m}, \"intrinsics\": [1, 2, 3, 4], \"name\": \"a\"}}"),
+        FORWARD,
+        1,
+    );
+    assert_eq!((file.poses[0].intrinsics, file.poses[0].name.as_deref()), (Some([1.0, 2.0, 3.0, 4.0]), Some("a")));
+}
+
+#[test]
+fn what_is_none_is_refused_with_its_line() {
+    let matrix = "0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n";
+    for (text, said) in [
+        ("1 2 3\n4 5 6\n", "line 2: found 3 numbers"),
+        ("# nothing\n\n", "found no pose"),
+        ("\n\na b c d\n", "line 3: found a b c d"),
+        ("1 0 0 1\n0 1 0 2\n", "line 2: the file ends here, expected 4 rows of a matrix, found 2"),
+        ("0 0 1\n", "found 0"),
+        (&format!("{matrix}0 0 1\n{matrix}"), "line 9: found a matrix unlike those before it"),
+        (&matrix.replace("0 0 1 3", "0 0 -1 3"), "line 4: found world_from_camera is not a rigid motion"),
+        (&matrix.replace("0 0 0 1", "1 2 3 1"), "line 4: found world_from_camera: the last row must be 0 0 0 1"),
+        ("1 1 2 3 0 0 0 2\n", "line 1: found a quaternion of length 2"),
+        ("bmesh a.ply 1 2 3 0 0 0\n", "line 1: found 6 numbers after a.ply"),
+        ("bmesh a.ply 1 2 3 0 0 0 1\nbmash b.ply 1 2 3 0 0 0 1\n", "line 2: found bmash"),
+        ("1 1 0 0 0 1 2 3 1 a.png\n\n2 1 0 0 0 1 2 3\n", "line 3: found 2 1 0 0 0 1 2 3, expected IMAGE_ID QW"),
+        ("1 0 0 0 0 1 2 3 1 a.png\n", "line 1: found a quaternion of length 0"),
+        ("{\"a\": 1}", "key \"a\": found no number of an image"),
+        ("[[[1, 0]]]", "pose 0: found"),
+        ("{\n\"parameters\": [\n}", "line 3"),
+        ("{\"parameters\": [{\"extrinsic\": [1, 2]}]}", "parameters 0: found"),
+        ("{\"world_from_camera\": [[1]], \"x\": 1}", "expected a 4 x 4 matrix"),
+    ] {
+        let message = refused(text);
+        assert!(message.starts_with("\"poses\"") && message.contains(said), "{said:?} not in: {message}");
+    }
+    assert!(parse_poses("poses".as_ref(), b"1 2 \xff").expect_err("no text").to_string().contains("byte 4"));
+}

@@ -1,0 +1,139 @@
+//! One scan of a sequence: its cloud, its camera, and its image if there is one.
+
+use super::{Described, DescribedScan};
+use crate::cloud::read_cloud;
+use crate::depth::read_depth;
+use crate::poses::FilePose;
+use crate::{FormatError, Place};
+use geometry::{DepthImage, PinholeCamera};
+use nalgebra::{Isometry3, Point3};
+use planning::pose::rigid;
+use std::path::Path;
+
+/// Positions of one camera that are told twice may differ by so much, metres.
+const SAME_POSITION_M: f64 = 1e-3;
+/// Depth at which an image has a point may differ by this share.
+const SAME_DEPTH: f64 = 0.05;
+
+/// A camera by its pose, or by its position alone.
+#[derive(Clone, Copy)]
+pub(super) enum Camera {
+    Posed(Isometry3<f64>),
+    At(Point3<f64>),
+}
+
+/// A scan in the world's frame.
+pub(super) struct Raw {
+    pub points: Vec<Point3<f64>>,
+    pub camera: Camera,
+    pub image: Option<(PinholeCamera, DepthImage)>,
+}
+
+/// Reads the scans of a described sequence.
+pub(super) struct Reader<'a> {
+    pub path: &'a Path,
+    pub folder: &'a Path,
+    pub described: &'a Described,
+    /// The pose of each camera, from a file of them.
+    pub poses: Option<Vec<FilePose>>,
+    /// Where the frame of each cloud lies.
+    pub places: Option<Vec<FilePose>>,
+}
+
+impl Reader<'_> {
+    pub fn read(&self, index: usize) -> Result<Raw, FormatError> {
+        let scan = &self.described.scans[index];
+        let wrong = |(found, expected): (String, &str)| {
+            let place = Place::Part(format!("scan {index} ({})", scan.cloud));
+            FormatError::syntax(self.path, place, found, expected)
+        };
+        let place = self.places.as_ref().map(|places| places[index].world_from_camera);
+        let filed = self.poses.as_ref().map(|poses| &poses[index]);
+        let in_scan = place.zip(self.described.camera_in_scan_m).map(|(place, p)| (place * Point3::from(p)).into());
+        let camera = camera(scan, filed, scan.camera_position_m.or(in_scan)).map_err(wrong)?;
+        let mut points = read_cloud(&self.folder.join(&scan.cloud))?.cloud.points;
+        if let Some(place) = place {
+            points.iter_mut().for_each(|p| *p = place * *p);
+        }
+        let Camera::Posed(pose) = camera else {
+            return match scan.depth {
+                Some(_) => Err(wrong(("depth without a pose".to_owned(), "world_from_camera (4 x 4, row by row)"))),
+                None => Ok(Raw { points, camera, image: None }),
+            };
+        };
+        let image = match (&scan.depth, scan.intrinsics.or(filed.and_then(|p| p.intrinsics))) {
+            (None, _) => None,
+            (Some(_), None) => return Err(wrong(("depth without intrinsics".to_owned(), "fx, fy, cx, cy"))),
+            (Some(file), Some([fx, fy, cx, cy])) => {
+                if !(fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|x| x.is_finite())) {
+                    let found = format!("intrinsics {:?}", [fx, fy, cx, cy]);
+                    return Err(wrong((found, "fx, fy, cx, cy in pixels, fx and fy positive")));
+                }
+                let depth = read_depth(&self.folder.join(file), self.described.depth_unit_m)?;
+                Some((PinholeCamera { width: depth.size[0], height: depth.size[1], fx, fy, cx, cy }, depth))
+            }
+        };
+        belongs(&pose, image.as_ref(), &points).map_err(|found| {
+            wrong((found, "the pose that it was taken from: world_from_camera, +Z forward, metres, not its inverse"))
+        })?;
+        Ok(Raw { points, camera, image })
+    }
+}
+
+/// The camera of a scan, told by itself or by a file; what is found instead, and expected.
+fn camera(
+    scan: &DescribedScan,
+    filed: Option<&FilePose>,
+    position: Option<[f64; 3]>,
+) -> Result<Camera, (String, &'static str)> {
+    let position = position.map(Point3::from);
+    if let Some(position) = position.filter(|p| p.iter().any(|x| !x.is_finite())) {
+        return Err((format!("camera position {position}"), "x, y, z in metres"));
+    }
+    let pose = match &scan.world_from_camera {
+        Some(rows) => Some(rigid(rows).map_err(|found| (found, "a rigid motion"))?.0),
+        None => filed.map(|p| p.world_from_camera),
+    };
+    match (pose, position) {
+        (None, None) => Err((
+            "neither of both".to_owned(),
+            "its camera: camera_position_m, world_from_camera (4 x 4, row by row), or a file of poses",
+        )),
+        (None, Some(position)) => Ok(Camera::At(position)),
+        (Some(pose), None) => Ok(Camera::Posed(pose)),
+        (Some(pose), Some(position)) => match (pose.translation.vector - position.coords).norm() {
+            apart if apart <= SAME_POSITION_M => Ok(Camera::Posed(pose)),
+            apart => Err((
+                format!("camera_position_m {apart:.3} m away from the position of its pose"),
+                "the same position in both, or one of them alone",
+            )),
+        },
+    }
+}
+
+/// Whether a camera may have taken a scan: most points lie ahead of it, and, where the image is known, most of those in it
+/// are as far away as it says.
+fn belongs(
+    pose: &Isometry3<f64>,
+    image: Option<&(PinholeCamera, DepthImage)>,
+    points: &[Point3<f64>],
+) -> Result<(), String> {
+    let percent = |count: usize| 100 * count / points.len().max(1);
+    let local: Vec<Point3<f64>> = points.iter().map(|p| pose.inverse() * p).filter(|p| p.z > 0.0).collect();
+    if 2 * local.len() < points.len() {
+        return Err(format!("{} % of its points ahead of its camera", percent(local.len())));
+    }
+    let Some((camera, depth)) = image else { return Ok(()) };
+    let agrees = |p: &&Point3<f64>| {
+        let pixel = camera.project(p);
+        let (column, row) = (pixel.x.round(), pixel.y.round());
+        let inside = (0.0..f64::from(camera.width)).contains(&column) && (0.0..f64::from(camera.height)).contains(&row);
+        let seen = inside.then(|| depth.at(column as u32, row as u32)).flatten();
+        seen.is_some_and(|z| (f64::from(z) - p.z).abs() <= SAME_DEPTH * p.z)
+    };
+    let agreeing = local.iter().filter(agrees).count();
+    match 2 * agreeing < points.len() {
+        true => Err(format!("{} % of its points where its depth image has them", percent(agreeing))),
+        false => Ok(()),
+    }
+}
