@@ -36,11 +36,13 @@ pub struct Args {
     /// Intrinsics of the depth images, fx,fy,cx,cy in pixels; not needed where the pose file has them.
     #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>)]
     pub intrinsics: Option<[f64; 4]>,
-    /// Pose of each depth image: a JSON file with world_from_camera, or tx,ty,tz,qx,qy,qz,qw in metres.
+    /// Pose of the camera of each depth image, or of each cloud instead of --from: tx,ty,tz,qx,qy,qz,qw in metres, or a file
+    /// with one pose in any of the formats of --views-from; FILE:NAME or FILE:INDEX takes one of several.
     #[arg(long, num_args = 1.., value_name = "FILE|NUMBERS")]
     pub pose: Vec<String>,
-    /// Choose from the poses in this file alone: turntable stops, taught poses. JSON (a list of 4 x 4 matrices or of objects
-    /// with world_from_camera), rows of 4 x 4 matrices, or TUM lines; metres.
+    /// Choose from the poses in this file alone: turntable stops, taught poses. JSON (4 x 4 matrices, objects with
+    /// world_from_camera, BOP's scene_camera.json or scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, TUM's lines,
+    /// Open3D's .log, COLMAP's images.txt. Their directions: docs/formats.md.
     #[arg(long, value_name = "FILE")]
     pub views_from: Option<PathBuf>,
     /// Metres per unit of the depth images, if not the usual.

@@ -1,14 +1,16 @@
 //! From files to scans, and back: everything of the program that touches bytes goes through `formats`.
 
-use crate::request::{Unit, rigid_from};
+use crate::request::Unit;
 use anyhow::{Context, Result, bail};
 use formats::cloud::{CloudFile, Grid, parse_cloud, read_cloud};
 use formats::depth::{parse_depth, read_depth};
+use formats::poses::{FilePose, read_poses};
 use geometry::{DepthImage, PinholeCamera};
 use nalgebra::{Isometry3, Point3, Vector2};
 use planning::Misses;
 use planning::Scan;
-use serde::{Deserialize, Serialize};
+use planning::pose::from_quaternion;
+use serde::Serialize;
 use std::path::Path;
 
 /// Metres per step of a 16-bit depth image, where nothing else is said.
@@ -101,14 +103,13 @@ pub fn depth_npy(bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthImag
     Ok(parse_depth("depth.npy".as_ref(), bytes, metres_per_unit.unwrap_or(DEPTH_UNIT))?)
 }
 
-/// A pose file: the pose of a depth image, and its intrinsics if they are not given otherwise.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A pose file as it is written here; [`formats::poses`] reads it, and others.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PoseFile {
     /// 4 x 4, row by row, metres.
     pub world_from_camera: [[f64; 4]; 4],
     /// fx, fy, cx, cy in pixels.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<[f64; 4]>,
 }
 
@@ -135,80 +136,87 @@ pub fn depth(
     Ok(Scan::Depth { camera, depth, world_from_camera, misses })
 }
 
-/// A pose file's path, or tx,ty,tz,qx,qy,qz,qw.
+/// A cloud from a file with the pose of its camera: most of it must lie ahead.
+pub fn cloud_from(path: &Path, unit: Unit, pose: &str) -> Result<Scan> {
+    let (world_from_camera, _) = read_pose(pose)?;
+    let mut scan = cloud(path, unit)?;
+    let Scan::Cloud { cloud, from } = &mut scan else {
+        bail!("{}: its pixels tell where its camera was already: leave --pose {pose} away", path.display());
+    };
+    let camera_from_world = world_from_camera.inverse();
+    let ahead = cloud.points.iter().filter(|p| (camera_from_world * **p).z > 0.0).count();
+    if 2 * ahead < cloud.len() {
+        bail!(
+            "--pose {pose}: {} % of the points of {} lie ahead of this camera: is it camera_from_world, the inverse? \
+             Expected world_from_camera, +Z forward, metres",
+            100 * ahead / cloud.len().max(1),
+            path.display()
+        );
+    }
+    *from = Some(Point3::from(world_from_camera.translation.vector));
+    Ok(scan)
+}
+
+/// A pose from tx,ty,tz,qx,qy,qz,qw, from a file with one, or, as FILE:NAME or FILE:INDEX, from one with several.
 fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
     if let Ok([x, y, z, qx, qy, qz, qw]) = crate::args::numbers::<7>(text) {
-        let pose = rigid_from([qx, qy, qz, qw], [x, y, z]).map_err(anyhow::Error::msg);
+        let pose = from_quaternion([qx, qy, qz, qw], [x, y, z]).map_err(anyhow::Error::msg);
         return Ok((pose.with_context(|| format!("--pose {text}"))?, None));
     }
-    let bytes = std::fs::read(text)
-        .with_context(|| format!("--pose {text}: neither tx,ty,tz,qx,qy,qz,qw nor a file that can be read"))?;
-    if let Ok([pose]) = parse_poses(&String::from_utf8_lossy(&bytes)).as_deref() {
-        return Ok((*pose, None));
+    let (file, wanted) = match text.rsplit_once(':') {
+        Some((file, wanted)) if !Path::new(text).exists() => (file, Some(wanted)),
+        _ => (text, None),
+    };
+    if !Path::new(file).exists() {
+        bail!("--pose {text}: neither tx,ty,tz,qx,qy,qz,qw nor a file that can be read");
     }
-    let file: PoseFile = serde_json::from_slice(&bytes).with_context(|| {
-        format!("{text}: expected {{\"world_from_camera\": [[4 numbers] x 4], \"intrinsics\": [4 numbers]}}")
-    })?;
-    let pose = rigid(&file.world_from_camera).map_err(|reason| anyhow::anyhow!("{text}: {reason}"))?;
-    Ok((pose, file.intrinsics))
+    let poses = known_poses(Path::new(file))?;
+    let count = poses.len();
+    let chosen = match wanted {
+        None if count == 1 => poses.first(),
+        None => {
+            bail!("--pose {text}: found {count} poses, expected one: name it, {text}:NAME or {text}:0 to {}", count - 1)
+        }
+        Some(wanted) => {
+            let named = poses.iter().find(|p| p.name.as_deref() == Some(wanted));
+            named.or_else(|| poses.get(wanted.parse::<usize>().ok()?))
+        }
+    };
+    let pose = chosen.with_context(|| format!("--pose {text}: no such pose among the {count} of {file}"))?;
+    Ok((pose.world_from_camera, pose.intrinsics))
 }
+
+/// The poses of cameras of a file, for [`planning::Session::set_given_views`].
+pub fn poses(path: &Path) -> Result<Vec<Isometry3<f64>>> {
+    Ok(known_poses(path)?.iter().map(|p| p.world_from_camera).collect())
+}
+
+/// The poses of a file; what is odd about them is said.
+fn known_poses(path: &Path) -> Result<Vec<FilePose>> {
+    let file = read_poses(path)?;
+    if file.of_scans {
+        bail!(
+            "{}: the lines of a .conf place range images, whose cameras stood elsewhere: expected poses of cameras",
+            path.display()
+        );
+    }
+    let off = file.poses.iter().map(|p| p.off).fold(0.0, f64::max);
+    if off > NOT_ROUNDING {
+        tracing::warn!("{}: rotations are off by up to {off:.1e}; the nearest ones are taken", path.display());
+    }
+    Ok(file.poses)
+}
+
+/// Rotations are off by more than rounding.
+const NOT_ROUNDING: f64 = 1e-3;
 
 /// A 4 x 4 matrix as a rigid motion; said where it was off by more than rounding.
 pub fn rigid(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, String> {
     let (pose, off) = planning::pose::rigid(rows)?;
-    if off > 1e-3 {
+    if off > NOT_ROUNDING {
         tracing::warn!("world_from_camera: its rotation is off by {off:.1e}; the nearest one is taken");
     }
     Ok(pose)
-}
-
-/// Poses as people have them: JSON (a list of 4 x 4 matrices, or of objects with `world_from_camera`), or text: four rows of
-/// four numbers each, or TUM's lines (time x y z qx qy qz qw). Camera +Z forward, metres.
-pub fn poses(path: &Path) -> Result<Vec<Isometry3<f64>>> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    parse_poses(&text).map_err(|reason| anyhow::anyhow!("{}: {reason}", path.display()))
-}
-
-fn parse_poses(text: &str) -> Result<Vec<Isometry3<f64>>, String> {
-    const EXPECTED: &str = "expected JSON (a list of 4 x 4 matrices or of {\"world_from_camera\": ...}), rows of a 4 x 4 \
-                            matrix, or lines of time x y z qx qy qz qw";
-    #[derive(Deserialize)]
-    #[serde(untagged)]
-    enum Entry {
-        Matrix([[f64; 4]; 4]),
-        Object { world_from_camera: [[f64; 4]; 4] },
-    }
-    let numbered = |i: usize, e: String| format!("pose {i}: {e}");
-    if text.trim_start().starts_with(['[', '{']) {
-        let entries: Vec<Entry> = serde_json::from_str(text).map_err(|e| format!("{e}; {EXPECTED}"))?;
-        let matrix = |entry: &Entry| match entry {
-            Entry::Matrix(m) | Entry::Object { world_from_camera: m } => *m,
-        };
-        return entries.iter().enumerate().map(|(i, e)| rigid(&matrix(e)).map_err(|e| numbered(i, e))).collect();
-    }
-    let lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.split('#').next().unwrap_or_default()));
-    let mut rows: Vec<[f64; 4]> = Vec::new();
-    let mut poses = Vec::new();
-    for (number, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
-        let words = line.split([' ', '\t', ',']).filter(|w| !w.is_empty()).map(str::parse::<f64>);
-        let values: Vec<f64> = words.collect::<Result<_, _>>().map_err(|_| format!("line {number}: {EXPECTED}"))?;
-        match values[..] {
-            [a, b, c, d] => rows.push([a, b, c, d]),
-            [_, x, y, z, qx, qy, qz, qw] if rows.is_empty() => {
-                poses.push(rigid_from([qx, qy, qz, qw], [x, y, z]).map_err(|e| format!("line {number}: {e}"))?);
-            }
-            _ => return Err(format!("line {number}: {} numbers; {EXPECTED}", values.len())),
-        }
-        if let [a, b, c, d] = rows[..] {
-            poses.push(rigid(&[a, b, c, d]).map_err(|e| format!("up to line {number}: {e}"))?);
-            rows.clear();
-        }
-    }
-    match (rows.is_empty(), poses.is_empty()) {
-        (false, _) => Err(format!("the last matrix has {} rows of 4", rows.len())),
-        (_, true) => Err(format!("no pose; {EXPECTED}")),
-        _ => Ok(poses),
-    }
 }
 
 #[cfg(test)]
@@ -276,20 +284,38 @@ mod tests {
         let (pose, _) = read_pose("1,2,3,0,0,0,1").expect("numbers");
         assert_eq!(pose, Isometry3::translation(1.0, 2.0, 3.0), "translation and quaternion");
         assert!(read_pose("1,2,3,0,0,0,2").is_err(), "not a unit quaternion");
-        let forms = [
-            "[[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]]",
-            "[{\"world_from_camera\": [[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]",
-            "# a pose\n1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n",
-            "# time x y z qx qy qz qw\n0.5 1 2 3 0 0 0 1\n",
-        ];
-        for form in forms {
-            assert_eq!(parse_poses(form).as_deref(), Ok(&[pose][..]), "{form}");
-        }
-        for (wrong, said) in
-            [("1 2 3\n", "line 1: 3 numbers"), ("1 0 0 1\n", "1 rows of 4"), ("", "no pose"), ("a b", "line 1")]
-        {
-            assert!(parse_poses(wrong).expect_err("no poses").contains(said), "{wrong}");
-        }
         assert!(format!("{:#}", read_pose("nowhere.json").expect_err("no file")).contains("nowhere.json"));
+    }
+
+    #[test]
+    fn one_pose_of_several_is_asked_for_by_name_or_number() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let path = dir.path().join("poses.log");
+        let matrix = |z: i32| format!("1 0 0 0\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
+        std::fs::write(&path, format!("5 5 6\n{}6 6 7\n{}", matrix(3), matrix(4))).expect("written");
+        let at = |suffix: &str| read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
+        assert_eq!((at(":0").ok(), at(":1").ok(), at(":6").ok()), (Some(3.0), Some(4.0), Some(4.0)));
+        let several = format!("{:#}", at("").expect_err("which?"));
+        assert!(several.contains("found 2 poses") && several.contains("poses.log:0 to 1"), "{several}");
+        assert!(format!("{:#}", at(":9").expect_err("none")).contains("no such pose among the 2"));
+        assert_eq!(poses(&path).expect("both").len(), 2);
+        let conf = dir.path().join("bun.conf");
+        std::fs::write(&conf, "bmesh a.ply 0 0 0 0 0 0 1\n").expect("written");
+        assert!(poses(&conf).expect_err("scans").to_string().contains("place range images"));
+    }
+
+    #[test]
+    fn a_cloud_takes_the_position_of_its_pose_and_lies_ahead() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let (cloud, pose) = (dir.path().join("a.xyz"), dir.path().join("pose.txt"));
+        std::fs::write(&cloud, "0 0 1\n0.1 0 1\n0 0.1 1\n0 0 -1\n").expect("written");
+        let rows = |z: i32| format!("1 0 0 0.5\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
+        std::fs::write(&pose, rows(0)).expect("written");
+        let text = pose.display().to_string();
+        let scan = cloud_from(&cloud, Unit::M, &text).expect("ahead");
+        assert_eq!(scan.camera_position(), Some(Point3::new(0.5, 0.0, 0.0)));
+        std::fs::write(&pose, rows(2)).expect("written");
+        let error = cloud_from(&cloud, Unit::M, &text).expect_err("behind").to_string();
+        assert!(error.contains("0 % of the points") && error.contains("the inverse"), "{error}");
     }
 }

@@ -97,11 +97,26 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<String> {
     if !args.from.is_empty() && args.from.len() != args.scan.len() {
         bail!("{} --from for {} --scan: give one camera position per cloud, or none", args.from.len(), args.scan.len());
     }
-    if args.pose.len() != args.depth.len() {
-        bail!("{} --pose for {} --depth: give one pose per depth image", args.pose.len(), args.depth.len());
+    let (clouds, images, given) = (args.scan.len(), args.depth.len(), args.pose.len());
+    // Poses of the clouds, in the order of --scan, come before those of the depth images.
+    let of_clouds = match given.checked_sub(images) {
+        Some(0) => 0,
+        Some(left) if left == clouds => clouds,
+        _ if clouds == 0 => bail!("{given} --pose for {images} --depth: give one pose per depth image"),
+        _ => bail!(
+            "{given} --pose for {clouds} --scan and {images} --depth: give one per depth image, and before them one per cloud \
+             or none"
+        ),
+    };
+    if of_clouds > 0 && !args.from.is_empty() {
+        bail!("both --pose and --from tell where the clouds were taken from: give one of them");
     }
+    let (of_clouds, of_images) = args.pose.split_at(of_clouds);
     for (i, path) in args.scan.iter().enumerate() {
-        let mut scan = load::cloud(path, args.unit)?;
+        let mut scan = match of_clouds.get(i) {
+            Some(pose) => load::cloud_from(path, args.unit, pose)?,
+            None => load::cloud(path, args.unit)?,
+        };
         if let (Scan::Cloud { from, .. }, Some(given)) = (&mut scan, args.from.get(i)) {
             *from = Some(Point3::from(Vector3::from(*given) * args.unit.metres()));
         }
@@ -111,7 +126,7 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<String> {
         session.set_given_views(load::poses(path)?);
     }
     let misses = session.config().misses;
-    for (path, pose) in args.depth.iter().zip(&args.pose) {
+    for (path, pose) in args.depth.iter().zip(of_images) {
         add(session, path, load::depth(path, args.depth_unit, pose, args.intrinsics, misses)?)?;
     }
     let name = |path: &std::path::PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();

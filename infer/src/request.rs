@@ -5,8 +5,9 @@ use crate::service::Refusal;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use geometry::{PinholeCamera, PointCloud};
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Vector3};
 use planning::Misses;
+use planning::pose::from_quaternion;
 use planning::{Scan, SessionConfig};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -201,21 +202,9 @@ impl DepthRequest {
         }
         let world_from_camera = match (self.world_from_camera, self.quaternion_xyzw, self.translation_m) {
             (Some(matrix), None, None) => load::rigid(&matrix).map_err(bad)?,
-            (None, Some(quaternion), Some(translation)) => rigid_from(quaternion, translation).map_err(bad)?,
+            (None, Some(quaternion), Some(translation)) => from_quaternion(quaternion, translation).map_err(bad)?,
             _ => return Err(bad("give world_from_camera, or quaternion_xyzw and translation_m".to_owned())),
         };
         Ok(Scan::Depth { camera, depth, world_from_camera, misses: self.misses.unwrap_or(config.misses) })
     }
-}
-
-/// A pose from quaternion (x, y, z, w; normalised) and translation in metres.
-pub fn rigid_from([x, y, z, w]: [f64; 4], translation: [f64; 3]) -> Result<Isometry3<f64>, String> {
-    let quaternion = Quaternion::new(w, x, y, z);
-    if !(quaternion.norm() - 1.0).is_finite() || (quaternion.norm() - 1.0).abs() > 0.01 {
-        return Err(format!("quaternion_xyzw: length {}, expected 1", quaternion.norm()));
-    }
-    if translation.iter().any(|t| !t.is_finite()) {
-        return Err("translation_m: not finite".to_owned());
-    }
-    Ok(Isometry3::from_parts(Translation3::from(translation), UnitQuaternion::from_quaternion(quaternion)))
 }

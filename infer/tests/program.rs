@@ -45,3 +45,33 @@ fn weights_of_ones_own_replace_the_bundled_ones() {
     let error = String::from_utf8_lossy(&missing.stderr);
     assert!(!missing.status.success() && error.contains("no/such/place"), "{error}");
 }
+
+#[test]
+fn a_cloud_takes_its_camera_from_a_pose_or_a_position() {
+    // The camera of scan1 (samples): at (0.8, 0.2, 0.9), looking at the origin; rows are right, down and forward as columns.
+    let position = nalgebra::Point3::new(0.8, 0.2, 0.9);
+    let m = geometry::View { target: nalgebra::Point3::origin(), position }.world_from_camera().to_homogeneous();
+    let rows: Vec<String> =
+        (0..4).map(|r| format!("{} {} {} {}\r\n", m[(r, 0)], m[(r, 1)], m[(r, 2)], m[(r, 3)])).collect();
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("pose.txt").display().to_string();
+    std::fs::write(&file, format!("# by hand\r\n{}", rows.concat())).expect("written");
+    let posed = answer(&["--pose", &file], &["scan1.ply"]);
+    assert_eq!(posed["evidence"], "camera_positions");
+    assert_eq!(posed["candidates"], answer(&["--from", "0.8,0.2,0.9"], &["scan1.ply"])["candidates"]);
+    let refused = |arguments: &[&str], expected: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_infer"))
+            .arg("--scan")
+            .arg(sample("scan1.ply"))
+            .args(arguments)
+            .output()
+            .expect("infer runs");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && error.contains(expected), "{arguments:?}: {error}");
+    };
+    refused(&["--pose", &file, "--from", "0.8,0.2,0.9"], "both --pose and --from");
+    refused(&["--pose", &file, &file], "2 --pose for 1 --scan");
+    std::fs::write(&file, "1 0 0 1\n0 1 0\n").expect("written");
+    refused(&["--pose", &file], "line 2: found 3 numbers");
+    refused(&["--views-from", &file], "line 2: found 3 numbers");
+}
