@@ -106,7 +106,7 @@ fn there_is_one_loop_one_session_and_one_accumulation() {
     let allowed = [
         "datagen/src/scene.rs",
         "datagen/src/search.rs",
-        "datagen/src/world.rs",
+        "datagen/src/world/camera.rs",
         "evaluate/src/objects.rs",
         "evaluate/src/report/replay.rs",
         "infer/src/simulate.rs",
@@ -151,8 +151,7 @@ fn files_are_opened_where_it_is_known() {
         "evaluate/src/learned.rs",
         "evaluate/src/networks.rs",
         "evaluate/src/policies/build.rs",
-        // Pose files, exported scans.
-        "infer/src/load.rs",
+        // Exported scans.
         "infer/src/simulate.rs",
         // Checkpoints of a run and what is watched of it.
         "train/src/checkpoint.rs",

@@ -5,6 +5,7 @@ mod modelnet40;
 mod procedural;
 mod repository3d;
 mod selection;
+mod sequences;
 mod shapenet;
 
 pub(crate) use selection::assign_splits;
@@ -29,11 +30,14 @@ pub enum DatasetName {
     Repository3d,
     /// Any tree of meshes.
     Folder,
+    /// Recorded scans, `<root>/<name>/sequence.json`: for `evaluate` alone ([`list_sequences`]).
+    Sequences,
 }
 
 impl DatasetName {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Procedural, Self::ModelNet40, Self::ShapeNet, Self::Repository3d, Self::Folder];
+    pub const ALL: [Self; 6] =
+        [Self::Procedural, Self::ModelNet40, Self::ShapeNet, Self::Repository3d, Self::Folder, Self::Sequences];
 
     /// Name on the command line, in configuration files and in paths.
     pub fn as_str(self) -> &'static str {
@@ -43,6 +47,7 @@ impl DatasetName {
             Self::ShapeNet => "shapenet",
             Self::Repository3d => "repository3d",
             Self::Folder => "folder",
+            Self::Sequences => "sequences",
         }
     }
 }
@@ -84,7 +89,7 @@ impl DatasetConfig {
     /// Which half.
     pub fn split(&self) -> SplitChoice {
         self.split.unwrap_or(match self.name {
-            DatasetName::Repository3d => SplitChoice::Test,
+            DatasetName::Repository3d | DatasetName::Sequences => SplitChoice::Test,
             _ => SplitChoice::Train,
         })
     }
@@ -108,6 +113,8 @@ pub struct Object {
 pub enum Source {
     /// A mesh file.
     File(PathBuf),
+    /// The file of a recorded sequence.
+    Sequence(PathBuf),
     /// A member of the built-in family.
     Procedural {
         /// Seed of the family.
@@ -161,7 +168,8 @@ pub enum DatasetError {
 /// The objects of a run in the order of the work list: sorted by name, or as the list names them.
 ///
 /// # Errors
-/// A root of another layout, with what is expected and where the set is obtained; a list that does not fit.
+/// A root of another layout, with what is expected and where the set is obtained; a list that does not fit; recorded
+/// sequences, which are no meshes.
 pub fn list_objects(config: &DatasetConfig, seed: u64, validation_share: f64) -> Result<Vec<Object>, DatasetError> {
     if config.name == DatasetName::Procedural {
         return procedural::list(config, seed, validation_share);
@@ -173,6 +181,7 @@ pub fn list_objects(config: &DatasetConfig, seed: u64, validation_share: f64) ->
         DatasetName::ShapeNet => shapenet::find(&root)?,
         DatasetName::Repository3d => repository3d::find(&root, choice)?,
         DatasetName::Folder | DatasetName::Procedural => folder::find(&root)?,
+        DatasetName::Sequences => return Err(DatasetError::Choice(NO_MESHES.to_owned())),
     };
     let found = selection::select(config, &root, choice, found)?;
     let objects = found.into_iter().map(|f| Object {
@@ -184,13 +193,28 @@ pub fn list_objects(config: &DatasetConfig, seed: u64, validation_share: f64) ->
     Ok(assign_splits(objects.collect(), choice, seed, validation_share))
 }
 
+const NO_MESHES: &str = "recorded sequences are no meshes: only `evaluate --dataset sequences` replays them; choose another \
+                         --dataset here";
+
+/// The recorded sequences of a root, by name.
+///
+/// # Errors
+/// A root without any, a list that does not fit.
+pub fn list_sequences(config: &DatasetConfig) -> Result<Vec<Object>, DatasetError> {
+    let root = config.root();
+    let found = selection::select(config, &root, SplitChoice::Test, sequences::find(&root)?)?;
+    let object =
+        |f: Found| Object { name: f.name, category: f.category, split: Split::Test, source: Source::Sequence(f.path) };
+    Ok(found.into_iter().map(object).collect())
+}
+
 /// The surface of an object, in its own unit.
 ///
 /// # Errors
 /// Why its file cannot be used.
 pub fn load_mesh(object: &Object) -> Result<Mesh, FormatError> {
     match &object.source {
-        Source::File(path) => formats::read_mesh(path),
+        Source::File(path) | Source::Sequence(path) => formats::read_mesh(path),
         Source::Procedural { seed, index } => Ok(crate::procedural::mesh(*seed, *index)),
     }
 }

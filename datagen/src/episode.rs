@@ -4,13 +4,14 @@
 mod config;
 
 use crate::pose_error::PoseError;
+use crate::recording::Recording;
 use crate::scene::{RenderScratch, Scene};
 use crate::world::{ScanCamera, World, episode_session};
 use geometry::metrics::{SurfaceDistances, surface_distances, views_to};
 use geometry::rng::stream;
-use geometry::{PointCloud, View, overlap};
+use geometry::{PointCloud, View};
 use nalgebra::{Point3, Vector3};
-use planning::{PlanError, Planner, RankedView, ScanState, Session};
+use planning::{PlanError, Planner, RankedView, ScanState, Session, SessionError};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::time::Instant;
@@ -121,6 +122,14 @@ pub enum EpisodeError {
         /// How.
         error: PlanError,
     },
+    /// The session refused a recorded scan.
+    #[error("recorded scan {} of the episode: {error}", scan + 1)]
+    Refused {
+        /// 0 for the first scan.
+        scan: usize,
+        /// Why.
+        error: SessionError,
+    },
 }
 
 /// A decision as it was taken.
@@ -176,7 +185,7 @@ pub fn run_episode_with<P: Planner + ?Sized>(
         ranked
     };
     let session = episode_session(config, samples);
-    run_session(scene, samples, session, config, rng, decide).map(|(episode, _)| episode)
+    run_session(Stage::Simulated { scene, samples }, session, config, rng, decide).map(|(episode, _)| episode)
 }
 
 /// How far an episode is when the next view is decided.
@@ -193,14 +202,34 @@ pub struct Progress<'a> {
     pub reference: &'a [Point3<f64>],
 }
 
+/// What is scanned.
+#[derive(Clone, Copy)]
+pub enum Stage<'a> {
+    /// An object in the simulator; `samples` are those of its surface, not yet averaged. The first view is drawn.
+    Simulated {
+        /// The object.
+        scene: &'a Scene,
+        /// Its surface.
+        samples: &'a [Point3<f64>],
+    },
+    /// Recorded scans: views of others are passed over, and the episode ends where none is left.
+    Recorded {
+        /// The scans.
+        recording: &'a Recording,
+        /// The first one.
+        start: usize,
+        /// What the session is told of each; `None`: nothing, for orders that ask no session.
+        evidence: Option<EpisodeEvidence>,
+    },
+}
+
 /// The loop itself: scans into a session, `decide` answering with views, best first, and the first of them scanned.
 /// The session comes back with all scans.
 ///
 /// # Errors
-/// No usable first view, or a decision that fails.
+/// No usable first view, a decision that fails, a recorded scan that the session refuses.
 pub fn run_session(
-    scene: &Scene,
-    samples: &[Point3<f64>],
+    stage: Stage,
     session: Session,
     config: &EpisodeConfig,
     rng: &mut ChaCha8Rng,
@@ -212,9 +241,21 @@ pub fn run_session(
         noise.seed ^= noise_key;
     }
     let pose_error = config.pose_error.clone().map(|c| PoseError::new(c, stream(noise_key, "pose")));
-    let mut camera = ScanCamera { scene, config: &config, scratch: RenderScratch::default(), pose_error };
-    let mut world = World::new(session, &config, samples);
-    let (mut view, void_draws) = first_scan(&mut camera, &mut world, rng)?;
+    let mut camera = match stage {
+        Stage::Simulated { scene, .. } => {
+            ScanCamera::Simulated { scene, config: &config, scratch: RenderScratch::default(), pose_error }
+        }
+        Stage::Recorded { recording, .. } => ScanCamera::Recorded { recording, taken: vec![false; recording.len()] },
+    };
+    let mut world = World::new(session, &config, &stage);
+    let (mut view, void_draws) = match stage {
+        Stage::Simulated { .. } => first_scan(&mut camera, &mut world, &config, rng)?,
+        Stage::Recorded { recording, start, .. } => {
+            let view = recording.views()[start];
+            world.begin(camera.take(&view)).map_err(|error| EpisodeError::Refused { scan: 0, error })?;
+            (view, 0)
+        }
+    };
     let mut episode = Episode {
         views: vec![view],
         coverages: vec![world.covered],
@@ -239,33 +280,38 @@ pub fn run_session(
             decide(session, &Progress { index, view: &view, coverage, overlap: overlap_before, reference }, rng)
         });
         episode.decision_seconds.push(clock.elapsed().as_secs_f64());
-        view = match answer {
-            Ok(ranked) if !ranked.is_empty() => ranked[0].view,
+        let ranked = match answer {
             Err(error) if !error.is_end() => return Err(EpisodeError::Plan { index, error }),
-            _ => {
-                episode.end = End::NoView;
-                break;
-            }
+            ranked => ranked.unwrap_or_default(),
         };
+        let Some(best) = ranked.iter().find(|r| camera.can_take(&r.view)) else {
+            episode.end = End::NoView;
+            break;
+        };
+        view = best.view;
         let shot = camera.take(&view);
-        episode.overlaps.push(overlap(&shot.points, &world.cloud().points, config.tolerance_m));
+        episode.overlaps.push(world.overlap(&shot));
         episode.scan_points.push(shot.points.len());
-        world.add(shot);
+        world.add(shot).map_err(|error| EpisodeError::Refused { scan: index + 1, error })?;
         episode.views.push(view);
         episode.coverages.push(world.covered);
     }
     episode.distances = surface_distances(&world.cloud().points, world.reference());
-    episode.cloud = world.cloud().clone();
+    episode.cloud = world.cloud().into_owned();
     Ok((episode, world.session))
 }
 
 /// The first view whose scan is usable, and how many before it were not.
-fn first_scan(camera: &mut ScanCamera, world: &mut World, rng: &mut ChaCha8Rng) -> Result<(View, usize), VoidEpisode> {
-    let config = camera.config;
+fn first_scan(
+    camera: &mut ScanCamera,
+    world: &mut World,
+    config: &EpisodeConfig,
+    rng: &mut ChaCha8Rng,
+) -> Result<(View, usize), VoidEpisode> {
     let (mut most_points, mut best_coverage) = (0, 0f64);
     for void_draws in 0..config.max_draws {
         let view = initial_view(config, rng);
-        if let Some(error) = &mut camera.pose_error {
+        if let ScanCamera::Simulated { pose_error: Some(error), .. } = camera {
             error.restart();
         }
         let shot = camera.take(&view);
@@ -274,7 +320,9 @@ fn first_scan(camera: &mut ScanCamera, world: &mut World, rng: &mut ChaCha8Rng) 
         if points < config.min_first_points.max(2) {
             continue;
         }
-        world.begin(shot);
+        if world.begin(shot).is_err() {
+            continue;
+        }
         best_coverage = best_coverage.max(world.covered);
         // As published: a scan with more points than the reference is void too.
         if world.covered < config.min_first_coverage || points > world.reference().len() {

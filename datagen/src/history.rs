@@ -46,7 +46,7 @@ pub fn import(inputs: &[PathBuf], out: &Path, validation_share: f64, seed: u64) 
     let commit = formats::run::commit();
     for (object, path) in objects.iter().filter_map(|o| match &o.source {
         Source::File(path) => Some((o, path)),
-        Source::Procedural { .. } => None,
+        Source::Sequence(_) | Source::Procedural { .. } => None,
     }) {
         if records.iter().any(|r: &ObjectRecord| r.object == object.name) {
             let place = formats::Place::File;

@@ -9,6 +9,7 @@ pub mod inspect;
 pub mod noise;
 pub mod pose_error;
 pub mod procedural;
+pub mod recording;
 pub mod scene;
 pub mod search;
 #[cfg(test)]
@@ -18,10 +19,11 @@ mod world;
 
 pub use config::DatagenConfig;
 pub use episode::{
-    Decision, End, Episode, EpisodeConfig, EpisodeError, EpisodeEvidence, Progress, VoidEpisode, run_episode,
+    Decision, End, Episode, EpisodeConfig, EpisodeError, EpisodeEvidence, Progress, Stage, VoidEpisode, run_episode,
     run_episode_with, run_session,
 };
 pub use noise::NoiseConfig;
 pub use pose_error::PoseErrorConfig;
+pub use recording::Recording;
 pub use scene::{RenderConfig, RenderScratch, Renderer, Scene};
 pub use search::{ScoredViews, SearchConfig, SearchPlanner, score_views};

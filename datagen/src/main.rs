@@ -35,7 +35,7 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if args.list_objects {
         for object in &objects {
             let place = match &object.source {
-                Source::File(path) => path.display().to_string(),
+                Source::File(path) | Source::Sequence(path) => path.display().to_string(),
                 Source::Procedural { index, .. } => format!("built in, number {index}"),
             };
             print_line(format_args!("{}\t{}\t{:?}\t{place}", object.name, object.category, object.split))?;

@@ -1,56 +1,25 @@
-//! The simulated cell of an episode: its camera, what the planner is told, and what is true.
+//! The cell of an episode, simulated or recorded: its camera, what the planner is told, and what is true.
 
-use crate::episode::{EpisodeConfig, EpisodeEvidence};
-use crate::pose_error::PoseError;
-use crate::scene::{RenderScratch, Scene};
-use geometry::{DepthImage, PinholeCamera, PointCloud, View, coverage};
-use nalgebra::{Isometry3, Point3};
+mod camera;
+
+use crate::episode::{EpisodeConfig, EpisodeEvidence, Stage};
+use crate::recording::Recording;
+use geometry::{PointCloud, coverage, overlap};
+use nalgebra::Point3;
 use planning::accumulate::{averaged, reference_surface};
 use planning::config::CameraConfig;
-use planning::{Accumulate, Misses, Scan, Session, SessionConfig};
+use planning::{Accumulate, Misses, Scan, Session, SessionConfig, SessionError};
+use std::borrow::Cow;
 
-/// The camera in its scene.
-pub(crate) struct ScanCamera<'a> {
-    pub scene: &'a Scene,
-    pub config: &'a EpisodeConfig,
-    pub scratch: RenderScratch,
-    pub pose_error: Option<PoseError>,
-}
-
-/// What the camera saw, and from where, as far as is known.
-pub(crate) struct Shot {
-    camera: PinholeCamera,
-    depth: DepthImage,
-    world_from_camera: Isometry3<f64>,
-    pub points: Vec<Point3<f64>>,
-}
-
-impl ScanCamera<'_> {
-    /// Nothing is seen from a degenerate view.
-    pub fn take(&mut self, view: &View) -> Shot {
-        let camera = self.config.image.camera();
-        let commanded = view.world_from_camera();
-        let (actual, world_from_camera) = match &mut self.pose_error {
-            Some(error) => error.poses(&commanded),
-            None => (commanded, commanded),
-        };
-        let depth = match view.is_valid() {
-            true => self.scene.render(&camera, &actual, &self.config.render, &mut self.scratch).clone(),
-            false => DepthImage::default(),
-        };
-        let points = depth.to_points(&camera, &world_from_camera);
-        Shot { camera, depth, world_from_camera, points }
-    }
-}
+pub(crate) use camera::{ScanCamera, Shot};
 
 /// The planner's session beside the truth.
 pub(crate) struct World<'a> {
     pub session: Session,
     config: &'a EpisodeConfig,
-    samples: &'a [Point3<f64>],
-    reference: Vec<Point3<f64>>,
-    /// What metrics are taken of: the points measured, averaged, whatever the planner sees. Empty where it sees the same.
-    measured: PointCloud,
+    /// What the session is told of a scan; `None`: nothing at all.
+    evidence: Option<EpisodeEvidence>,
+    truth: Truth<'a>,
     /// Voxel edge of what is measured, metres: the spacing of the first scan.
     pub grid_size: f64,
     first: bool,
@@ -62,14 +31,36 @@ pub(crate) struct World<'a> {
     pub first_points: usize,
 }
 
+/// What coverage is measured by.
+enum Truth<'a> {
+    /// The surface of an object.
+    Surface {
+        samples: &'a [Point3<f64>],
+        /// Samples averaged like what is measured.
+        reference: Vec<Point3<f64>>,
+        /// What metrics are taken of: the points measured, averaged, whatever the planner sees. Empty where it sees the same.
+        measured: PointCloud,
+    },
+    /// The union of recorded scans, and which of its points are covered.
+    Recorded { recording: &'a Recording, covered: Vec<bool> },
+}
+
 impl<'a> World<'a> {
-    pub fn new(session: Session, config: &'a EpisodeConfig, samples: &'a [Point3<f64>]) -> Self {
+    pub fn new(session: Session, config: &'a EpisodeConfig, stage: &Stage<'a>) -> Self {
+        let (truth, evidence) = match *stage {
+            Stage::Simulated { samples, .. } => {
+                let (reference, measured) = Default::default();
+                (Truth::Surface { samples, reference, measured }, Some(config.evidence))
+            }
+            Stage::Recorded { recording, evidence, .. } => {
+                (Truth::Recorded { recording, covered: vec![false; recording.reference().len()] }, evidence)
+            }
+        };
         Self {
             session,
             config,
-            samples,
-            reference: Vec::new(),
-            measured: PointCloud::default(),
+            evidence,
+            truth,
             grid_size: 0.0,
             first: true,
             all: Vec::new(),
@@ -78,82 +69,130 @@ impl<'a> World<'a> {
         }
     }
 
-    /// The averaged samples of the true surface.
+    /// The surface that coverage is a share of.
     pub fn reference(&self) -> &[Point3<f64>] {
-        match self.config.accumulate {
-            Accumulate::Matched => self.session.reference(),
-            _ => &self.reference,
+        match &self.truth {
+            Truth::Surface { .. } if self.config.accumulate == Accumulate::Matched => self.session.reference(),
+            Truth::Surface { reference, .. } => reference,
+            Truth::Recorded { recording, .. } => recording.reference(),
         }
     }
 
-    /// What metrics are taken of.
-    pub fn cloud(&self) -> &PointCloud {
-        if self.sees_what_is_measured() { self.session.cloud() } else { &self.measured }
+    /// What metrics are taken of; of a recording what is covered of its surface.
+    pub fn cloud(&self) -> Cow<'_, PointCloud> {
+        match &self.truth {
+            Truth::Surface { .. } if self.sees_what_is_measured() => Cow::Borrowed(self.session.cloud()),
+            Truth::Surface { measured, .. } => Cow::Borrowed(measured),
+            Truth::Recorded { recording, covered } => {
+                let points = recording.reference().iter().zip(covered).filter(|(_, c)| **c).map(|(p, _)| *p).collect();
+                Cow::Owned(PointCloud { points, normals: Vec::new() })
+            }
+        }
+    }
+
+    /// Share of a scan that was seen before; `None` for an empty one.
+    pub fn overlap(&self, shot: &Shot) -> Option<f64> {
+        match (&self.truth, shot.recorded) {
+            (Truth::Surface { .. }, _) => overlap(&shot.points, &self.cloud().points, self.config.tolerance_m),
+            (Truth::Recorded { recording, covered }, Some(scan)) => {
+                let covers = recording.covered_by(scan);
+                let again = covers.iter().filter(|&&i| covered[i as usize]).count();
+                (!covers.is_empty()).then(|| again as f64 / covers.len() as f64)
+            }
+            (Truth::Recorded { .. }, None) => None,
+        }
     }
 
     fn sees_what_is_measured(&self) -> bool {
-        self.config.accumulate != Accumulate::Thinned && self.config.evidence != EpisodeEvidence::Merged
+        self.config.accumulate != Accumulate::Thinned && self.evidence != Some(EpisodeEvidence::Merged)
     }
 
     /// Lets `with` decide: the session, the reference surface, and the share of it that is covered.
     pub fn decide<T>(&mut self, with: impl FnOnce(&mut Session, &[Point3<f64>], f64) -> T) -> T {
-        match self.config.accumulate {
-            Accumulate::Matched => {
+        match &self.truth {
+            Truth::Surface { .. } if self.config.accumulate == Accumulate::Matched => {
                 let reference = self.session.reference().to_vec();
                 with(&mut self.session, &reference, self.covered)
             }
-            _ => with(&mut self.session, &self.reference, self.covered),
+            Truth::Surface { reference, .. } => with(&mut self.session, reference, self.covered),
+            Truth::Recorded { recording, .. } => with(&mut self.session, recording.reference(), self.covered),
         }
     }
 
     /// Starts over with a first scan.
-    pub fn begin(&mut self, shot: Shot) {
+    ///
+    /// # Errors
+    /// As [`World::add`].
+    pub fn begin(&mut self, shot: Shot) -> Result<(), SessionError> {
         self.session.reset();
-        self.measured = PointCloud::default();
+        match &mut self.truth {
+            Truth::Surface { measured, .. } => *measured = PointCloud::default(),
+            Truth::Recorded { covered, .. } => covered.fill(false),
+        }
         self.all.clear();
         self.first = true;
         self.first_points = shot.points.len();
-        self.add(shot);
+        self.add(shot)
     }
 
     /// Adds a scan. One without points tells planners what is empty.
-    pub fn add(&mut self, shot: Shot) {
-        let empty = shot.points.is_empty();
-        let points = if self.sees_what_is_measured() { Vec::new() } else { shot.points.clone() };
-        let scan = match self.config.evidence {
-            EpisodeEvidence::DepthWithBackground => depth_scan(shot, Misses::Free),
-            EpisodeEvidence::Depth => depth_scan(shot, Misses::Unknown),
-            EpisodeEvidence::CameraPositions => {
+    ///
+    /// # Errors
+    /// A recorded scan that the session refuses.
+    pub fn add(&mut self, shot: Shot) -> Result<(), SessionError> {
+        let (empty, recorded) = (shot.points.is_empty(), shot.recorded);
+        let simulated = matches!(self.truth, Truth::Surface { .. });
+        let keep = simulated && !self.sees_what_is_measured();
+        let points = if keep { shot.points.clone() } else { Vec::new() };
+        let refused = self.tell(shot).err();
+        if std::mem::take(&mut self.first) {
+            self.grid_size = self.session.state().grid_size;
+            if let Truth::Surface { samples, reference, .. } = &mut self.truth
+                && self.config.accumulate != Accumulate::Matched
+            {
+                *reference = reference_surface(samples, self.grid_size, self.config.accumulate);
+            }
+        }
+        match &mut self.truth {
+            // The settings of an episode refuse no scan; those of `infer --object` one that shows nothing.
+            Truth::Surface { .. } if empty => return Ok(()),
+            Truth::Surface { measured, .. } if keep => {
+                let scan = PointCloud { points, normals: Vec::new() };
+                *measured = averaged(measured, &scan, self.grid_size, self.config.accumulate.voxel_origin());
+            }
+            Truth::Surface { .. } => {}
+            Truth::Recorded { recording, covered } => {
+                let covers = recorded.map_or(&[][..], |scan| recording.covered_by(scan));
+                covers.iter().for_each(|&i| covered[i as usize] = true);
+                self.covered = covered.iter().filter(|c| **c).count() as f64 / covered.len().max(1) as f64;
+                return refused.map_or(Ok(()), Err);
+            }
+        }
+        self.covered = match self.config.accumulate {
+            Accumulate::Matched => self.cloud().len() as f64 / self.reference().len().max(1) as f64,
+            _ => coverage(&self.cloud().points, self.reference(), self.config.tolerance_m),
+        };
+        Ok(())
+    }
+
+    /// Tells the session of a scan what it may know.
+    fn tell(&mut self, shot: Shot) -> Result<(), SessionError> {
+        let scan = match self.evidence {
+            None => return Ok(()),
+            Some(EpisodeEvidence::DepthWithBackground) => depth_scan(shot, Misses::Free),
+            Some(EpisodeEvidence::Depth) => depth_scan(shot, Misses::Unknown),
+            Some(EpisodeEvidence::CameraPositions) => {
                 let from = Some(Point3::from(shot.world_from_camera.translation.vector));
                 cloud_scan(shot.points, from)
             }
-            EpisodeEvidence::Clouds => cloud_scan(shot.points, None),
-            EpisodeEvidence::Merged => {
+            Some(EpisodeEvidence::Clouds) => cloud_scan(shot.points, None),
+            Some(EpisodeEvidence::Merged) => {
                 self.session.reset();
                 self.all.extend_from_slice(&shot.points);
                 cloud_scan(self.all.clone(), None)
             }
         };
-        // The settings refuse no scan.
-        let _ = self.session.add_scan(scan);
-        if self.first {
-            self.first = false;
-            self.grid_size = self.session.state().grid_size;
-            if self.config.accumulate != Accumulate::Matched {
-                self.reference = reference_surface(self.samples, self.grid_size, self.config.accumulate);
-            }
-        }
-        if empty {
-            return;
-        }
-        if !self.sees_what_is_measured() {
-            let scan = PointCloud { points, normals: Vec::new() };
-            self.measured = averaged(&self.measured, &scan, self.grid_size, self.config.accumulate.voxel_origin());
-        }
-        self.covered = match self.config.accumulate {
-            Accumulate::Matched => self.cloud().len() as f64 / self.reference().len().max(1) as f64,
-            _ => coverage(&self.cloud().points, &self.reference, self.config.tolerance_m),
-        };
+        self.session.add_scan(scan).map(drop)
     }
 }
 

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
 pub struct Args {
-    /// Set of objects: repository3d, folder, modelnet40, shapenet, procedural
+    /// Set of objects: repository3d, folder, modelnet40, shapenet, procedural, or recorded scans: sequences
     #[arg(long)]
     pub dataset: Option<String>,
     /// Directory of the set [default: data/<dataset>]
@@ -27,10 +27,10 @@ pub struct Args {
     /// Take this many objects of the set [default: all; 20 of procedural]
     #[arg(long)]
     pub objects: Option<u32>,
-    /// Policies, by name; `all` for every one (see --list-policies)
+    /// Policies, by name; `all` for every one that goes with the set (see --list-policies)
     #[arg(long, value_delimiter = ',')]
     pub policies: Option<Vec<String>>,
-    /// Episodes per object and policy [default: 60]
+    /// Episodes per object and policy; of a recorded sequence one of each start at most [default: 60]
     #[arg(long)]
     pub episodes: Option<u32>,
     /// Directory of the results

@@ -101,6 +101,8 @@ pub fn run(
     stop: &AtomicBool,
     watch: &impl Watch,
 ) -> Result<Outcome, BenchmarkError> {
+    let mut wanted: Vec<EpisodeKey> = Vec::new();
+    let mut reached = 0;
     let mut outcome = Outcome { shown: Vec::new(), unusable: Vec::new(), objects: sources.len(), left: 0 };
     for group in sources.chunks(4 * rayon::current_num_threads()) {
         let ready: Vec<_> = group.par_iter().map(|source| objects::load(source, config)).collect();
@@ -114,6 +116,8 @@ pub fn run(
                 }
             }
         }
+        reached += group.len();
+        wanted.extend(usable.iter().flat_map(|object| benchmark::wanted(object, policies, config).map(|(_, key)| key)));
         benchmark::run(&usable, policies, config, networks, journal, contents, stop, |key| watch.done(key))?;
         // The first ones stay for the replay.
         if outcome.shown.is_empty() {
@@ -124,15 +128,7 @@ pub fn run(
         }
     }
     let have = contents.keys();
-    let good = sources.iter().filter(|s| !outcome.unusable.iter().any(|(name, _)| *name == s.name));
-    let key = |object: &Source, policy: &Policy, episode| EpisodeKey {
-        object: object.name.clone(),
-        policy: policy.to_string(),
-        episode,
-    };
-    outcome.left = good
-        .flat_map(|object| policies.iter().flat_map(move |p| (0..config.episodes).map(move |e| key(object, p, e))))
-        .filter(|key| !have.contains(key))
-        .count();
+    let unread = (sources.len() - reached) * policies.len() * config.episodes;
+    outcome.left = unread + wanted.iter().filter(|key| !have.contains(key)).count();
     Ok(outcome)
 }

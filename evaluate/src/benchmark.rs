@@ -4,7 +4,8 @@
 use crate::config::EvaluateConfig;
 use crate::journal::{Contents, Entry, Journal, JournalError};
 use crate::networks::Networks;
-use crate::objects::Object;
+use crate::objects::{Body, Meshed, Object};
+use crate::policies::recorded::{Order, replay};
 use crate::policies::table::AboveTable;
 use crate::policies::{BoxedPlanner, Policy, PolicyContext, PolicyError, make, weights_of};
 use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
@@ -30,7 +31,7 @@ pub enum BenchmarkError {
 /// Makes the policy that an episode runs, within reach of the table if there is one.
 pub fn planner<'a>(
     policy: &Policy,
-    object: &'a Object,
+    object: &'a Meshed,
     config: &'a EvaluateConfig,
     networks: &'a Networks,
 ) -> Result<BoxedPlanner<'a>, PolicyError> {
@@ -42,18 +43,36 @@ pub fn planner<'a>(
     })
 }
 
+/// The episodes of an object; on a recording one of each start, where it has what the policy is told.
+pub fn wanted<'a>(
+    object: &'a Object,
+    policies: &'a [Policy],
+    config: &'a EvaluateConfig,
+) -> impl Iterator<Item = (&'a Policy, EpisodeKey)> {
+    policies.iter().flat_map(move |policy| {
+        let episodes = match (&object.body, Order::of(policy)) {
+            (Body::Mesh(_), _) => config.episodes,
+            (Body::Recorded(recording), Some(order)) if order.fits(recording) => config.episodes.min(recording.len()),
+            (Body::Recorded(_), _) => 0,
+        };
+        let key = move |episode| EpisodeKey { object: object.name.clone(), policy: policy.to_string(), episode };
+        (0..episodes).map(move |episode| (policy, key(episode)))
+    })
+}
+
 /// One episode. Policies given the same object and number start from the same view.
 ///
 /// # Errors
 /// No usable first view, or a policy that fails.
 pub fn episode(
-    object: &Object,
+    name: &str,
+    object: &Meshed,
     planner: &mut (dyn Planner + Send + '_),
     number: usize,
     config: &EvaluateConfig,
     observe: impl FnMut(&Decision),
 ) -> Result<Episode, EpisodeError> {
-    let mut rng = stream(config.seed, &format!("episode/{}/{number}", object.name));
+    let mut rng = stream(config.seed, &format!("episode/{name}/{number}"));
     let mut observe = observe;
     run_episode_with(&object.scene, &object.samples, planner, &config.episode, &mut rng, |_, decision| {
         observe(decision)
@@ -78,14 +97,7 @@ pub fn run(
     let have: BTreeSet<EpisodeKey> = contents.keys();
     let jobs: Vec<(&Object, &Policy, EpisodeKey)> = objects
         .iter()
-        .flat_map(|object| {
-            policies.iter().flat_map(move |policy| {
-                (0..config.episodes).map(move |episode| {
-                    let key = EpisodeKey { object: object.name.clone(), policy: policy.to_string(), episode };
-                    (object, policy, key)
-                })
-            })
-        })
+        .flat_map(|object| wanted(object, policies, config).map(move |(policy, key)| (object, policy, key)))
         .filter(|(_, _, key)| !have.contains(key))
         .collect();
     let weights: BTreeMap<&str, Option<String>> =
@@ -128,12 +140,26 @@ fn run_one(
     config: &EvaluateConfig,
     networks: &Networks,
 ) -> Result<Entry, BenchmarkError> {
-    let mut planner = planner(policy, object, config, networks)?;
-    let clock = ThreadTime::now();
-    Ok(match episode(object, planner.as_mut(), key.episode, config, |_| {}) {
-        Ok(outcome) => Entry::Episode {
+    let number = key.episode;
+    let (clock, outcome) = match (&object.body, Order::of(policy)) {
+        (Body::Mesh(mesh), _) => {
+            let mut planner = planner(policy, mesh, config, networks)?;
+            let clock = ThreadTime::now();
+            let outcome = episode(&object.name, mesh, planner.as_mut(), number, config, |_| {});
+            (clock, outcome.map(|episode| (episode, Vec::new())))
+        }
+        (Body::Recorded(recording), Some(order)) => {
+            let mut rng = stream(config.seed, &format!("episode/{}/{number}", object.name));
+            (ThreadTime::now(), replay(recording, order, number, &config.episode, &mut rng))
+        }
+        (Body::Recorded(_), None) => {
+            return Err(PolicyError::NotOnRecordings { policy: policy.name().to_owned() }.into());
+        }
+    };
+    Ok(match outcome {
+        Ok((outcome, forecasts)) => Entry::Episode {
             timing: Timing { episode_s: clock.elapsed().as_secs_f64(), decisions_s: outcome.decision_seconds.clone() },
-            record: EpisodeRecord { weights, ..EpisodeRecord::new(key, &outcome) },
+            record: EpisodeRecord { weights, forecasts, ..EpisodeRecord::new(key, &outcome) },
         },
         Err(error) => Entry::Skipped(Skipped { key, reason: error.to_string() }),
     })

@@ -5,6 +5,7 @@ use datagen::EpisodeConfig;
 use datagen::dataset::{DatasetConfig, DatasetName};
 use planning::{CandidateConfig, VolumetricConfig};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Where the reference surface comes from.
@@ -33,6 +34,18 @@ impl Default for TableConfig {
     fn default() -> Self {
         Self { clearance_m: 0.02, views: 300 }
     }
+}
+
+/// What is known of a recorded sequence beside its own file, which it is laid over.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SequenceConfig {
+    /// Distance under which a point of the union of all scans is covered, metres.
+    pub tolerance_m: Option<f64>,
+    /// The object is in this box, metres: of whole depth images the rest is left out.
+    pub region_m: Option<[[f64; 3]; 2]>,
+    /// Whether pixels without a return show what is behind the object.
+    pub background: Option<bool>,
 }
 
 /// Checkpoint directories of the networks; empty: the weights that come with the program's source.
@@ -83,6 +96,8 @@ pub struct EvaluateConfig {
     pub see: SeeConfig,
     /// The object on a table; absent: it floats.
     pub table: Option<TableConfig>,
+    /// Recorded sequences by name.
+    pub sequences: BTreeMap<String, SequenceConfig>,
     /// Checkpoints.
     pub weights: WeightsConfig,
 }
@@ -106,6 +121,7 @@ impl Default for EvaluateConfig {
             volumetric: VolumetricConfig::default(),
             see: SeeConfig::default(),
             table: None,
+            sequences: BTreeMap::new(),
             weights: WeightsConfig::default(),
         }
     }

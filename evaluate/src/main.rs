@@ -5,12 +5,13 @@ mod args;
 use anyhow::{Context, bail};
 use args::Args;
 use clap::Parser;
+use datagen::dataset::DatasetName;
 use evaluate::batches::{self, Watch};
 use evaluate::config::EvaluateConfig;
 use evaluate::journal::{self, Journal};
 use evaluate::networks::Networks;
 use evaluate::objects::{self, ObjectError};
-use evaluate::policies::{PAPER_POLICIES, POLICIES, Policy, check, weights_of};
+use evaluate::policies::{PAPER_POLICIES, POLICIES, Policy, RECORDED_POLICIES, check, weights_of};
 use evaluate::record::EpisodeKey;
 use evaluate::report::{self, compare, tables::Rows};
 use formats::program;
@@ -28,8 +29,11 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if args.list_policies {
-        let lines: String = POLICIES.iter().map(|(name, what)| format!("{name:<18} {what}\n")).collect();
-        program::print(lines)?;
+        let lines = |policies: &[(&str, &str)], width: usize| -> String {
+            policies.iter().map(|(name, what)| format!("{name:<width$} {what}\n")).collect()
+        };
+        let recorded = lines(RECORDED_POLICIES, 27);
+        program::print(format!("{}\nOn recorded sequences (--dataset sequences):\n{recorded}", lines(POLICIES, 18)))?;
         return Ok(ExitCode::SUCCESS);
     }
     if !args.compare.is_empty() {
@@ -84,6 +88,9 @@ fn policies(config: &EvaluateConfig, paper: bool, networks: &Networks) -> anyhow
     let mut list: Vec<Policy> = Vec::new();
     for asked in &config.policies {
         let names: Vec<&str> = match (asked.as_str(), paper) {
+            ("all", _) if config.dataset.name == DatasetName::Sequences => {
+                RECORDED_POLICIES.iter().map(|(name, _)| *name).collect()
+            }
             ("all", true) => PAPER_POLICIES.to_vec(),
             ("all", false) => POLICIES.iter().map(|(name, _)| *name).collect(),
             (name, _) => vec![name],
@@ -132,7 +139,7 @@ fn summary(args: &Args, rows: &Rows, contents: &journal::Contents) -> anyhow::Re
     }
     let (episodes, skipped) = (contents.episodes.len(), contents.skipped.len());
     let place = args.out.join("report.html");
-    let table = rows.overall().to_markdown();
+    let table = rows.recorded_table().unwrap_or_else(|| rows.overall()).to_markdown();
     Ok(program::print_line(format_args!("{table}\n{episodes} episodes, {skipped} skipped; see {place:?}"))?)
 }
 

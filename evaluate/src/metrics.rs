@@ -198,6 +198,7 @@ pub(crate) mod tests {
             hausdorff_m: 5e-3,
             void_draws: 0,
             end: End::AllViews,
+            forecasts: Vec::new(),
             weights: None,
         }
     }

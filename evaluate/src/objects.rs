@@ -1,8 +1,11 @@
-//! The objects of a run: meshes at the working size with samples of their surfaces.
+//! The objects of a run: meshes at the working size with samples of their surfaces, or recordings.
 
 use crate::config::{EvaluateConfig, Surface, TableConfig};
-use datagen::dataset::{DatasetError, DatasetName, Object as Source, SplitChoice, list_objects, load_mesh};
-use datagen::{EpisodeConfig, RenderConfig, Scene};
+use datagen::dataset::{
+    DatasetError, DatasetName, Object as Source, SplitChoice, list_objects, list_sequences, load_mesh,
+};
+use datagen::{EpisodeConfig, Recording, RenderConfig, Scene};
+use formats::sequence::read_sequence;
 use geometry::rng::stream;
 use geometry::sampling::poisson_disk_sample;
 use geometry::{Mesh, NeighborGrid};
@@ -13,12 +16,36 @@ use std::path::{Path, PathBuf};
 pub struct Object {
     /// Its name in the results.
     pub name: String,
+    /// What there is of it.
+    pub body: Body,
+}
+
+/// What there is of an object.
+pub enum Body {
+    /// Itself, in the simulator.
+    Mesh(Meshed),
+    /// Scans of it.
+    Recorded(Recording),
+}
+
+/// A mesh in the simulator.
+pub struct Meshed {
     /// The mesh in the simulator.
     pub scene: Scene,
     /// Surface samples, not yet averaged.
     pub samples: Vec<Point3<f64>>,
     /// Least height of a camera, where the object stands on a table.
     pub least_z: Option<f64>,
+}
+
+impl Object {
+    /// The mesh, unless it is a recording.
+    pub fn mesh(&self) -> Option<&Meshed> {
+        match &self.body {
+            Body::Mesh(mesh) => Some(mesh),
+            Body::Recorded(_) => None,
+        }
+    }
 }
 
 /// Why an object cannot be used.
@@ -44,7 +71,16 @@ pub fn list(config: &EvaluateConfig) -> Result<Vec<Source>, DatasetError> {
     if matches!(dataset.name, DatasetName::ModelNet40 | DatasetName::ShapeNet) {
         dataset.split.get_or_insert(SplitChoice::Test);
     }
-    let mut sources = list_objects(&dataset, config.seed ^ HELD_OUT, 0.0)?;
+    let mut sources = match dataset.name {
+        DatasetName::Sequences => list_sequences(&dataset)?,
+        _ => list_objects(&dataset, config.seed ^ HELD_OUT, 0.0)?,
+    };
+    let unknown = config.sequences.keys().find(|name| !sources.iter().any(|s| s.name == **name));
+    if let Some(unknown) = unknown.filter(|_| dataset.name == DatasetName::Sequences) {
+        let names: Vec<&str> = sources.iter().take(20).map(|s| s.name.as_str()).collect();
+        let text = format!("sequences.{unknown}: no such sequence; there are {}", names.join(", "));
+        return Err(DatasetError::Choice(text));
+    }
     if let Some(missing) = config.only.iter().find(|name| !sources.iter().any(|s| s.name == **name)) {
         let names: Vec<&str> = sources.iter().take(20).map(|s| s.name.as_str()).collect();
         return Err(DatasetError::Choice(format!("--only {missing}: no such object; there are {}", names.join(", "))));
@@ -58,11 +94,21 @@ pub fn list(config: &EvaluateConfig) -> Result<Vec<Source>, DatasetError> {
 /// # Errors
 /// Why it cannot be used.
 pub fn load(source: &Source, config: &EvaluateConfig) -> Result<Object, ObjectError> {
-    let mesh = load_mesh(source)?;
     let path = match &source.source {
         datagen::dataset::Source::File(path) => Some(path.as_path()),
         datagen::dataset::Source::Procedural { .. } => None,
+        datagen::dataset::Source::Sequence(path) => {
+            let mut sequence = read_sequence(path)?;
+            if let Some(said) = config.sequences.get(&source.name) {
+                sequence.tolerance_m = said.tolerance_m.or(sequence.tolerance_m);
+                sequence.region_m = said.region_m.or(sequence.region_m);
+                sequence.background = said.background.or(sequence.background);
+            }
+            let body = Body::Recorded(Recording::new(sequence, config.episode.tolerance_m));
+            return Ok(Object { name: source.name.clone(), body });
+        }
     };
+    let mesh = load_mesh(source)?;
     prepare(&source.name, path, &mesh, config)
 }
 
@@ -96,7 +142,7 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
         samples = visible_from_above(&scene, &samples, &config.episode, table);
         table_top + table.clearance_m
     });
-    Ok(Object { name: name.to_owned(), scene, samples, least_z })
+    Ok(Object { name: name.to_owned(), body: Body::Mesh(Meshed { scene, samples, least_z }) })
 }
 
 /// The authors' samples beside a mesh.

@@ -15,6 +15,15 @@ pub struct EpisodeKey {
     pub episode: usize,
 }
 
+/// What was expected at a decision.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Forecast {
+    /// Gain of the view taken, as a share of the whole surface, where the planner tells it.
+    pub gain: Option<f64>,
+    /// What `stop` goes by: the most that any view was expected to add.
+    pub most: f64,
+}
+
 /// The outcome of an episode; equal for equal settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeRecord {
@@ -41,6 +50,9 @@ pub struct EpisodeRecord {
     pub void_draws: usize,
     /// Why it ended.
     pub end: End,
+    /// What was expected at each decision, on recordings by policies that expect anything.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub forecasts: Vec<Forecast>,
     /// Digest of the weights that the policy used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
@@ -80,6 +92,7 @@ impl EpisodeRecord {
             hausdorff_m: episode.distances.hausdorff,
             void_draws: episode.void_draws,
             end: episode.end,
+            forecasts: Vec::new(),
             weights: None,
         }
     }

@@ -4,6 +4,7 @@ pub mod closure;
 pub mod compare;
 pub mod paper;
 pub mod plots;
+pub mod recorded;
 pub mod replay;
 pub mod rows;
 pub mod table;
@@ -82,6 +83,11 @@ pub fn write(
     atomic_write_with(&directory.join("policies.csv"), |w| write_csv(w, &rows.policies))?;
     atomic_write_with(&directory.join("paired.csv"), |w| write_csv(w, &rows.paired))?;
     atomic_write_with(&directory.join("summary.csv"), |w| write_csv(w, &rows.objects))?;
+    if !rows.recorded.is_empty() {
+        atomic_write_with(&directory.join("recorded.csv"), |w| write_csv(w, &rows.recorded))?;
+        atomic_write_with(&directory.join("forecasts.csv"), |w| write_csv(w, &rows.forecasts))?;
+        atomic_write_with(&directory.join("stop.csv"), |w| write_csv(w, &rows.stops))?;
+    }
     atomic_write(&directory.join("timing.md"), tables::timing(contents, &order).to_markdown().as_bytes())?;
     let mut markdown = format!("# Results\n\n{}\n\n", headline(contents, config, &order));
     results.iter().for_each(|table| markdown.push_str(&table.to_markdown()));

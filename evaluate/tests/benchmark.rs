@@ -84,8 +84,9 @@ fn a_worse_policy_ranks_last_and_the_search_first() {
     let objects = objects(&config);
     let mut records: Vec<EpisodeRecord> = Vec::new();
     for object in &objects {
+        let mesh = object.mesh().expect("a mesh");
         let context =
-            PolicyContext { scene: &object.scene, samples: &object.samples, config: &config, networks: &networks };
+            PolicyContext { scene: &mesh.scene, samples: &mesh.samples, config: &config, networks: &networks };
         for number in 0..config.episodes {
             for policy in ["stay", "random-sphere", "benbv"] {
                 let mut planner = if policy == "stay" {
@@ -93,7 +94,8 @@ fn a_worse_policy_ranks_last_and_the_search_first() {
                 } else {
                     make(&named(policy), &context).expect(policy)
                 };
-                let outcome = episode(object, planner.as_mut(), number, &config, |_| {}).expect("a good start");
+                let outcome =
+                    episode(&object.name, mesh, planner.as_mut(), number, &config, |_| {}).expect("a good start");
                 let key = EpisodeKey { object: object.name.clone(), policy: policy.to_owned(), episode: number };
                 records.push(EpisodeRecord::new(key, &outcome));
             }
@@ -184,13 +186,13 @@ fn shifted_yardsticks_see_other_samples() {
     let config = EvaluateConfig { episode: EpisodeConfig { num_views: 1, ..config(1).episode }, ..config(1) };
     let networks = Networks::new(&config);
     let object = &objects(&config)[0];
-    let context =
-        PolicyContext { scene: &object.scene, samples: &object.samples, config: &config, networks: &networks };
+    let mesh = object.mesh().expect("a mesh");
+    let context = PolicyContext { scene: &mesh.scene, samples: &mesh.samples, config: &config, networks: &networks };
     let gains = |policy: &str| {
         let mut planner = make(&named(policy), &context).expect(policy);
         let mut gains = Vec::new();
         let keep = |d: &datagen::Decision| gains.extend(d.ranked.iter().filter_map(|r| r.gain));
-        episode(object, planner.as_mut(), 0, &config, keep).expect("an episode");
+        episode(&object.name, mesh, planner.as_mut(), 0, &config, keep).expect("an episode");
         gains.sort_by(f64::total_cmp);
         gains
     };

@@ -4,7 +4,7 @@ use crate::args::Args;
 use crate::load::{DEPTH_UNIT, PoseFile};
 use anyhow::{Context, Result, bail};
 use datagen::episode::ImageConfig;
-use datagen::{End, EpisodeConfig, Progress, RenderConfig, Scene};
+use datagen::{End, EpisodeConfig, Progress, RenderConfig, Scene, Stage};
 use formats::mesh::read_mesh;
 use geometry::sampling::poisson_disk_sample;
 use geometry::{Mesh, PinholeCamera, PointCloud, View, rng};
@@ -105,7 +105,8 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
         Ok(ranked)
     };
     let mut stream = rng::stream(seed, "infer/episode");
-    let outcome = datagen::run_session(&scene, &samples, session, &episode, &mut stream, decide);
+    let stage = Stage::Simulated { scene: &scene, samples: &samples };
+    let outcome = datagen::run_session(stage, session, &episode, &mut stream, decide);
     let (episode, mut session) = match (outcome, failed) {
         (Ok(outcome), _) => outcome,
         (Err(_), Some(error)) => return Err(error.into()),

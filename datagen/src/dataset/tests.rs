@@ -91,6 +91,21 @@ fn repository3d_is_for_evaluation_alone() {
 }
 
 #[test]
+fn sequences_are_listed_for_replay_and_are_no_meshes() {
+    let dir = tempfile::tempdir().unwrap();
+    put(dir.path(), &["b/sequence.json", "a/sequence.json", "c/other.json"]);
+    let of =
+        |root: &Path| DatasetConfig { name: DatasetName::Sequences, root: Some(root.into()), ..Default::default() };
+    let names =
+        |root: &Path| -> Vec<String> { list_sequences(&of(root)).unwrap().into_iter().map(|o| o.name).collect() };
+    assert_eq!(names(dir.path()), ["a", "b"]);
+    assert_eq!(names(&dir.path().join("b")), ["b"], "one of them alone");
+    assert!(message(&of(dir.path())).contains("evaluate --dataset sequences"));
+    let nothing = list_sequences(&of(&dir.path().join("c"))).expect_err("must be refused").to_string();
+    assert!(nothing.contains("sequence.json") && nothing.contains("--root"), "{nothing}");
+}
+
+#[test]
 fn a_wrong_root_explains_layout_and_source() {
     let dir = tempfile::tempdir().unwrap();
     for (name, words) in [

@@ -1,6 +1,7 @@
 use super::*;
 use crate::search::{SearchConfig, SearchPlanner};
 use crate::testing::{ball, ball_samples};
+use formats::sequence::{Sequence, SequenceScan};
 use geometry::rng::stream;
 
 /// Offers the same views again and again.
@@ -130,4 +131,57 @@ fn configurations_refuse_unknown_keys() {
     let text = toml::to_string(&EpisodeConfig::paper()).unwrap();
     assert_eq!(toml::from_str::<EpisodeConfig>(&text).unwrap(), EpisodeConfig::paper());
     assert!(toml::from_str::<EpisodeConfig>("working_distance = 1.0").is_err());
+}
+
+/// Strips of a plane side by side, each scanned from above its middle; the last one is the first again.
+fn strips() -> Recording {
+    let scan = |i: usize| {
+        let x = 0.01 * (i % 3) as f64;
+        let points = (0..400).map(|k| Point3::new(x + 0.0005 * f64::from(k % 20), 0.0005 * f64::from(k / 20), 0.0));
+        let position = Point3::new(x + 0.005, 0.005, 1.0);
+        let view = View { target: Point3::new(position.x, position.y, 0.0), position };
+        SequenceScan { points: points.collect(), world_from_camera: view.world_from_camera(), image: None }
+    };
+    Recording::new(
+        Sequence {
+            up: Vector3::y(),
+            working_distance_m: 1.0,
+            tolerance_m: Some(0.0006),
+            region_m: None,
+            background: None,
+            scans: (0..4).map(scan).collect(),
+        },
+        0.002,
+    )
+}
+
+#[test]
+fn a_recording_is_scanned_once_each_and_covered_by_all() {
+    let recording = strips();
+    let views = recording.views().to_vec();
+    let config = EpisodeConfig { num_views: 9, ..EpisodeConfig::default() };
+    let run = |start, evidence| {
+        let stage = Stage::Recorded { recording: &recording, start, evidence };
+        let session = Session::new(recording.session_config(EpisodeEvidence::CameraPositions), None).unwrap();
+        // Whatever is best first, and a view of nobody's before all.
+        let foreign = View { target: Point3::origin(), position: Point3::new(0.0, 0.0, 2.0) };
+        let decide = |_: &mut Session, _: &Progress, _: &mut ChaCha8Rng| {
+            let all = [foreign].into_iter().chain(views.iter().copied());
+            Ok(all.map(|view| RankedView { view, score: 0.0, gain: None, overlap: None }).collect())
+        };
+        run_session(stage, session, &config, &mut stream(1, "recorded"), decide).unwrap()
+    };
+    for evidence in [None, Some(EpisodeEvidence::CameraPositions), Some(EpisodeEvidence::Clouds)] {
+        let (episode, session) = run(1, evidence);
+        // The second strip, then the first, the first again, and the third.
+        assert_eq!(episode.views, [views[1], views[0], views[3], views[2]]);
+        assert_eq!((episode.end, episode.final_coverage()), (End::NoView, 1.0));
+        let expected = [1.0, 2.0, 2.0, 3.0].map(|n| n / 3.0);
+        for (found, expected) in episode.coverages.iter().zip(expected) {
+            assert!((found - expected).abs() < 0.04, "{:?}", episode.coverages);
+        }
+        assert!(episode.overlaps[0].unwrap() < 0.1 && episode.overlaps[1] == Some(1.0), "{:?}", episode.overlaps);
+        assert_eq!(session.num_scans(), if evidence.is_some() { 4 } else { 0 }, "the session is told what it may know");
+    }
+    assert!(!recording.has(EpisodeEvidence::Depth) && recording.has(EpisodeEvidence::Clouds));
 }

@@ -5,12 +5,14 @@ use super::oracle::{OracleAmong, OraclePlanner};
 use super::random_boundary::RandomBoundaryPlanner;
 use super::random_sphere::RandomSpherePlanner;
 use super::random_u_sphere::RandomSetPlanner;
+use super::recorded::Order;
 use super::refined::{self, RefinedPlanner};
 use super::see::{SeeConfig, SeePlanner};
 use super::{BoxedPlanner, PAPER_OFFSET, Radius, sphere};
 use crate::config::EvaluateConfig;
 use crate::learned::{Learned, LearnedError};
 use crate::networks::{Networks, WeightsError};
+use datagen::dataset::DatasetName;
 use datagen::{Scene, SearchConfig, SearchPlanner};
 use formats::config::digest;
 use nalgebra::Point3;
@@ -48,6 +50,21 @@ pub enum PolicyError {
         /// What is wrong.
         source: WeightsError,
     },
+    /// It needs more than recorded scans.
+    #[error(
+        "{policy:?} does not run on recorded sequences: it needs the object, or views of its own; there are oracle, farthest, \
+         auto, auto:EVIDENCE, random and recorded-order"
+    )]
+    NotOnRecordings {
+        /// Its name.
+        policy: String,
+    },
+    /// It chooses among recorded scans.
+    #[error("{policy:?} runs on recorded sequences alone (--dataset sequences)")]
+    OnRecordingsAlone {
+        /// Its name.
+        policy: String,
+    },
     /// The learned forecasts are missing or unfit.
     #[error("{policy:?} needs weights: {source}")]
     Forecasts {
@@ -78,7 +95,8 @@ pub fn weights_of(policy: &Policy, config: &EvaluateConfig, networks: &Networks)
             Some(digest(&std::fs::read(&config.weights.forecasts).unwrap_or_default()))
         }
         Kind::BenbvNet(directory) => networks.benbv_net_digest(directory.as_deref()),
-        Kind::Auto => networks.benbv_net_digest(None),
+        // Given views are not ranked by the network.
+        Kind::Auto if config.dataset.name != DatasetName::Sequences => networks.benbv_net_digest(None),
         Kind::PcNbv { .. } => networks.pc_nbv_digest(),
         _ => None,
     }
@@ -87,8 +105,13 @@ pub fn weights_of(policy: &Policy, config: &EvaluateConfig, networks: &Networks)
 /// Whether a policy can run with these settings and weights: nothing of an object is needed to tell.
 ///
 /// # Errors
-/// A number of candidates that the settings cannot make; weights missing or unfit.
+/// A number of candidates that the settings cannot make; weights missing or unfit; a policy that does not go with the kind
+/// of data set.
 pub fn check(policy: &Policy, config: &EvaluateConfig, networks: &Networks) -> Result<(), PolicyError> {
+    if config.dataset.name == DatasetName::Sequences {
+        let refusal = || PolicyError::NotOnRecordings { policy: policy.name().to_owned() };
+        return Order::of(policy).map(drop).ok_or_else(refusal);
+    }
     match policy.kind() {
         Kind::Search(Some(count))
         | Kind::FarthestAmong(count)
@@ -100,8 +123,13 @@ pub fn check(policy: &Policy, config: &EvaluateConfig, networks: &Networks) -> R
         Kind::PcNbv { published } => {
             networks.pc_nbv(policy.name(), *published).map(drop).map_err(|source| unfit_weights(policy, source))
         }
+        Kind::Random | Kind::RecordedOrder | Kind::AutoOn(_) => Err(on_recordings_alone(policy)),
         _ => Ok(()),
     }
+}
+
+fn on_recordings_alone(policy: &Policy) -> PolicyError {
+    PolicyError::OnRecordingsAlone { policy: policy.name().to_owned() }
 }
 
 fn candidates(policy: &Policy, config: &EvaluateConfig, count: usize) -> Result<CandidateConfig, PolicyError> {
@@ -155,6 +183,7 @@ pub fn make<'a>(policy: &Policy, context: &PolicyContext<'a>) -> Result<BoxedPla
             let replaced = refined::Replaced { gain: better.gain, overlap: better.overlap };
             Box::new(RefinedPlanner::new(name, config.volumetric.clone(), source, replaced))
         }
+        Kind::Random | Kind::RecordedOrder | Kind::AutoOn(_) => return Err(on_recordings_alone(policy)),
         Kind::Auto => {
             let session = SessionConfig { tolerance_m: config.episode.tolerance_m, ..SessionConfig::default() };
             let network = context.networks.of_auto().map_err(|source| unfit_weights(policy, source))?;

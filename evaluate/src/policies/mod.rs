@@ -9,6 +9,7 @@ pub mod pc_nbv;
 pub mod random_boundary;
 pub mod random_sphere;
 pub mod random_u_sphere;
+pub mod recorded;
 pub mod refined;
 pub mod see;
 pub mod sphere;
@@ -18,7 +19,7 @@ use geometry::View;
 use planning::{Planner, RankedView, ScanState};
 
 pub use build::{PolicyContext, PolicyError, check, make, weights_of};
-pub use name::{NameError, PAPER_POLICIES, POLICIES, Policy};
+pub use name::{NameError, PAPER_POLICIES, POLICIES, Policy, RECORDED_POLICIES};
 
 /// How much farther than the working distance the published sphere policies stand from the centre, metres.
 const PAPER_OFFSET: f64 = 0.3;

@@ -1,6 +1,8 @@
 //! The names of policies on the command line, in configuration files and in journals: `family`, or `family:variant`.
 
 use super::Radius;
+use super::recorded::EVIDENCE;
+use datagen::EpisodeEvidence;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -36,6 +38,18 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("oracle:sphere", "yardstick: greedy true gain among 500 views on a sphere"),
 ];
 
+/// Those on recorded sequences (`--dataset sequences`).
+pub const RECORDED_POLICIES: &[(&str, &str)] = &[
+    ("oracle", "yardstick: greedy true gain among the scans left"),
+    ("farthest", "largest least angle to all past cameras"),
+    ("auto:depth-with-background", "what `infer` does, told depth images whose misses are free space"),
+    ("auto:depth", "the same where misses mean nothing"),
+    ("auto:camera-positions", "the same told clouds and where they were taken from (auto: the best that there is)"),
+    ("auto:clouds", "the same told clouds alone (auto:merged: one cloud of all points)"),
+    ("random", "any of the scans left"),
+    ("recorded-order", "the next scan as it was recorded, the first after the last"),
+];
+
 /// The paper's policies, as `--preset paper` runs them.
 pub const PAPER_POLICIES: &[&str] = &[
     "benbv",
@@ -63,6 +77,12 @@ pub enum Kind {
     ShiftedSearch,
     /// `auto`.
     Auto,
+    /// `auto`, told this of a recording.
+    AutoOn(EpisodeEvidence),
+    /// `random`: any scan of a recording.
+    Random,
+    /// `recorded-order`.
+    RecordedOrder,
     /// `benbv-net`, with the weights in this directory instead of the configured ones.
     BenbvNet(Option<PathBuf>),
     /// `pc-nbv`, as published or not.
@@ -170,6 +190,8 @@ fn meant(suggestion: &Option<String>) -> String {
 
 /// What a number of candidates must be.
 pub(super) const COUNT: &str = "a number of candidates: 20, or a multiple of the number of angles, e.g. 60";
+const EVIDENCE_NAMES: &str =
+    "nothing, or on recorded sequences depth-with-background, depth, camera-positions, clouds or merged";
 const RADIUS: &str = "nothing, paper, or a radius in metres, e.g. 1.5";
 const REFINED: &str = "nothing, true, shifted or learned, or one of these with -gain or -overlap";
 
@@ -216,8 +238,14 @@ impl FromStr for Policy {
             },
             "auto" => match variant {
                 None => Kind::Auto,
-                Some(_) => return Err(unfit("nothing")),
+                Some(v) => match EVIDENCE.iter().find(|(name, _)| *name == v) {
+                    Some((_, evidence)) => Kind::AutoOn(*evidence),
+                    None => return Err(unfit(EVIDENCE_NAMES)),
+                },
             },
+            "random" | "recorded-order" if variant.is_some() => return Err(unfit("nothing")),
+            "random" => Kind::Random,
+            "recorded-order" => Kind::RecordedOrder,
             "benbv-net" => Kind::BenbvNet(variant.map(PathBuf::from)),
             "pc-nbv" => match variant {
                 None => Kind::PcNbv { published: false },
@@ -300,7 +328,8 @@ fn refined(variant: &str) -> Option<Refined> {
 /// The listed name or family that is written most like this one.
 fn like(name: &str) -> Option<String> {
     let (family, rest) = name.find(':').map_or((name, ""), |i| name.split_at(i));
-    let families = POLICIES.iter().map(|(listed, _)| listed.split(':').next().unwrap_or(listed));
+    let families =
+        POLICIES.iter().chain(RECORDED_POLICIES).map(|(listed, _)| listed.split(':').next().unwrap_or(listed));
     let near = |listed: &str| strsim::damerau_levenshtein(family, listed);
     let nearest = families.min_by_key(|f| near(f))?;
     (near(nearest) <= 1 + family.len() / 4).then(|| format!("{nearest}{rest}"))
@@ -312,7 +341,8 @@ mod tests {
 
     #[test]
     fn every_listed_name_is_one_and_stays_as_written() {
-        for name in POLICIES.iter().map(|(name, _)| *name).chain(PAPER_POLICIES.iter().copied()) {
+        let listed = POLICIES.iter().chain(RECORDED_POLICIES).map(|(name, _)| *name);
+        for name in listed.chain(PAPER_POLICIES.iter().copied()) {
             let policy: Policy = name.parse().unwrap_or_else(|e| panic!("{e}"));
             assert_eq!(policy.to_string(), name);
         }
@@ -338,6 +368,9 @@ mod tests {
         assert!(message("benbv:many").contains("multiple"));
         assert!(message("random-sphere:-1").contains("radius") && message("random-33:inf").contains("radius"));
         assert!(message("see:fast").contains("r010"));
+        assert!(
+            message("auto:images").contains("camera-positions") && message("random:2").contains("expected nothing")
+        );
         assert!(message("pc-nbv:fast").contains("paper"));
         assert!(message("random-boundary:2").contains("expected nothing"));
         assert!(message("volumetric:best").contains("learned") && message("volumetric:true-x").contains("learned"));

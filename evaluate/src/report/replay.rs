@@ -2,10 +2,11 @@
 
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
-use crate::objects::Object;
+use crate::objects::{Body, Object};
 use crate::record::EpisodeRecord;
 use base64::Engine;
 use datagen::RenderConfig;
+use nalgebra::{Point3, Vector3};
 use std::fmt::Write;
 
 /// The episode shown: the first policy's first on the first object.
@@ -27,11 +28,23 @@ pub fn html(object: &Object, record: &EpisodeRecord, config: &EvaluateConfig) ->
     let render = RenderConfig { noise: None, ..config.episode.render.clone() };
     let (mut points, mut scans) = (Vec::new(), Vec::new());
     for view in &record.views {
-        if view.is_valid() {
-            let pose = view.world_from_camera();
-            points.extend(object.scene.depth_image(&camera, &pose, &render).to_points(&camera, &pose));
+        match &object.body {
+            Body::Mesh(mesh) if view.is_valid() => {
+                let pose = view.world_from_camera();
+                points.extend(mesh.scene.depth_image(&camera, &pose, &render).to_points(&camera, &pose));
+            }
+            Body::Mesh(_) => {}
+            Body::Recorded(recording) => {
+                let scan = recording.views().iter().position(|v| v == view);
+                points.extend(scan.map_or(&[][..], |scan| recording.points(scan)));
+            }
         }
         scans.push(points.len());
+    }
+    if let Body::Recorded(recording) = &object.body {
+        // Meshes are centred; recordings are where they are.
+        let sum: Vector3<f64> = recording.reference().iter().map(|p| p.coords).sum();
+        points.iter_mut().for_each(|p: &mut Point3<f64>| p.coords -= sum / recording.reference().len().max(1) as f64);
     }
     let extent = points.iter().map(|p| p.coords.amax()).fold(1e-9, f64::max);
     let quantized: Vec<u8> = points

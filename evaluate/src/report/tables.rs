@@ -1,5 +1,6 @@
 //! The tables of a run.
 
+use super::recorded::{self, ForecastRow, RecordedRow, StopRow};
 use super::rows::{ObjectRow, PairedRow, PolicyRow, SkippedRow, TimeRow};
 use super::table::Table;
 use crate::bootstrap::{Interval, Over, difference, draws, efficiency_interval, efficiency_ratio, mean_interval};
@@ -21,6 +22,15 @@ pub struct Rows {
     pub objects: Vec<ObjectRow>,
     /// What was not run.
     pub skipped: Vec<SkippedRow>,
+    /// Policies on recorded sequences.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub recorded: Vec<RecordedRow>,
+    /// What was expected of views of recorded sequences, and what they brought.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub forecasts: Vec<ForecastRow>,
+    /// Where `stop` would have ended.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stops: Vec<StopRow>,
 }
 
 impl Rows {
@@ -37,7 +47,15 @@ impl Rows {
             paired: against_baseline(contents, config, policies),
             objects: per_object(contents, config, policies),
             skipped: contents.skipped.iter().map(skipped).collect(),
+            recorded: recorded::rows(contents, config, policies),
+            forecasts: recorded::forecasts(contents, config, policies),
+            stops: recorded::stops(contents, config, policies),
         }
+    }
+
+    /// The first table of recorded sequences, if they were run.
+    pub fn recorded_table(&self) -> Option<Table> {
+        (!self.recorded.is_empty()).then(|| recorded::table(&self.recorded))
     }
 
     /// The overall table.
@@ -54,7 +72,10 @@ impl Rows {
     /// Every table of a run: the overall one, differences from the baseline, the paper's rows beside ours, objects, and
     /// what was skipped.
     pub fn tables(&self, contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<Table> {
-        let mut list = vec![self.overall()];
+        let mut list: Vec<Table> = self.recorded_table().into_iter().collect();
+        list.extend((!self.forecasts.is_empty()).then(|| recorded::forecast_table(&self.forecasts)));
+        list.extend((!self.stops.is_empty()).then(|| recorded::stop_table(&self.stops)));
+        list.push(self.overall());
         if !runs(contents, &config.baseline).is_empty() {
             list.push(Table::of(
                 &format!("Paired with {}", config.baseline),

@@ -1,0 +1,75 @@
+//! What takes the scans of an episode: the simulated camera, or a recording.
+
+use crate::episode::EpisodeConfig;
+use crate::pose_error::PoseError;
+use crate::recording::Recording;
+use crate::scene::{RenderScratch, Scene};
+use geometry::{DepthImage, PinholeCamera, View};
+use nalgebra::{Isometry3, Point3};
+
+/// What stands before the planner.
+pub(crate) enum ScanCamera<'a> {
+    /// A camera in its scene.
+    Simulated { scene: &'a Scene, config: &'a EpisodeConfig, scratch: RenderScratch, pose_error: Option<PoseError> },
+    /// Scans that were recorded; each is taken once.
+    Recorded { recording: &'a Recording, taken: Vec<bool> },
+}
+
+/// What the camera saw, and from where, as far as is known.
+pub(crate) struct Shot {
+    pub camera: PinholeCamera,
+    pub depth: DepthImage,
+    pub world_from_camera: Isometry3<f64>,
+    pub points: Vec<Point3<f64>>,
+    /// Which scan of a recording it is.
+    pub recorded: Option<usize>,
+}
+
+impl ScanCamera<'_> {
+    /// Whether there is a scan from this view.
+    pub fn can_take(&self, view: &View) -> bool {
+        match self {
+            Self::Simulated { .. } => true,
+            Self::Recorded { .. } => self.recorded_from(view).is_some(),
+        }
+    }
+
+    /// The first scan from this view that was not taken yet.
+    fn recorded_from(&self, view: &View) -> Option<usize> {
+        let Self::Recorded { recording, taken } = self else { return None };
+        (0..taken.len()).find(|&i| !taken[i] && recording.views()[i] == *view)
+    }
+
+    /// Nothing is seen from a degenerate view, and of a recording from where nothing is left.
+    pub fn take(&mut self, view: &View) -> Shot {
+        let index = self.recorded_from(view);
+        match self {
+            Self::Simulated { scene, config, scratch, pose_error } => {
+                let camera = config.image.camera();
+                let commanded = view.world_from_camera();
+                let (actual, world_from_camera) = match pose_error {
+                    Some(error) => error.poses(&commanded),
+                    None => (commanded, commanded),
+                };
+                let depth = match view.is_valid() {
+                    true => scene.render(&camera, &actual, &config.render, scratch).clone(),
+                    false => DepthImage::default(),
+                };
+                let points = depth.to_points(&camera, &world_from_camera);
+                Shot { camera, depth, world_from_camera, points, recorded: None }
+            }
+            Self::Recorded { recording, taken } => {
+                let Some(index) = index else {
+                    let world_from_camera = view.world_from_camera();
+                    let (camera, depth) = Default::default();
+                    return Shot { camera, depth, world_from_camera, points: Vec::new(), recorded: None };
+                };
+                taken[index] = true;
+                let scan = recording.scan(index);
+                let (camera, depth) = scan.image.clone().unwrap_or_default();
+                let (world_from_camera, points) = (scan.world_from_camera, scan.points.clone());
+                Shot { camera, depth, world_from_camera, points, recorded: Some(index) }
+            }
+        }
+    }
+}

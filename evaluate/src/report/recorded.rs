@@ -1,0 +1,365 @@
+//! Recorded sequences: views to a share of the union of all scans, what was expected of each view and what it brought, and
+//! where `stop` would have ended.
+
+use super::table::{Row, Table, number, range};
+use crate::bootstrap::{Interval, Over, draws, mean_interval};
+use crate::config::EvaluateConfig;
+use crate::journal::Contents;
+use crate::metrics::{Figure, Runs, mean};
+use crate::record::EpisodeRecord;
+use datagen::dataset::DatasetName;
+use serde::Serialize;
+
+/// Steps that add less are too small for a ratio.
+const LEAST_GAIN: f64 = 0.01;
+/// `stop_below` that the table of stops is for.
+const STOP_BELOW: f64 = 0.02;
+/// Steps with rows of their own.
+const STEPS: usize = 5;
+/// Stands for all sequences, and for all steps.
+const ALL: &str = "all";
+
+/// A policy on a sequence, or on all.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct RecordedRow {
+    pub sequence: String,
+    pub policy: String,
+    pub starts: usize,
+    pub views_to_50: Option<f64>,
+    pub views_to_80: Option<f64>,
+    pub views_to_80_ci_starts_low: Option<f64>,
+    pub views_to_80_ci_starts_high: Option<f64>,
+    pub views_to_90: Option<f64>,
+    pub views_to_90_ci_starts_low: Option<f64>,
+    pub views_to_90_ci_starts_high: Option<f64>,
+    /// Of all sequences alone.
+    pub views_to_90_ci_sequences_low: Option<f64>,
+    pub views_to_90_ci_sequences_high: Option<f64>,
+    pub views_to_95: Option<f64>,
+    pub views_to_95_ci_starts_low: Option<f64>,
+    pub views_to_95_ci_starts_high: Option<f64>,
+    pub overlap_1_percent: Option<f64>,
+    pub overlap_2_percent: Option<f64>,
+    pub overlap_3_percent: Option<f64>,
+}
+
+impl Row for RecordedRow {
+    const HEADINGS: &'static [&'static str] = &[
+        "sequence",
+        "policy",
+        "starts",
+        "v50",
+        "v80",
+        "v80, 95 % starts",
+        "v90",
+        "v90, 95 % starts",
+        "v90, 95 % sequences",
+        "v95",
+        "v95, 95 % starts",
+        "overlap 1",
+        "overlap 2",
+        "overlap 3",
+    ];
+
+    fn cells(&self) -> Vec<String> {
+        vec![
+            self.sequence.clone(),
+            self.policy.clone(),
+            self.starts.to_string(),
+            number(self.views_to_50, 2),
+            number(self.views_to_80, 2),
+            range(self.views_to_80_ci_starts_low, self.views_to_80_ci_starts_high, 2),
+            number(self.views_to_90, 2),
+            range(self.views_to_90_ci_starts_low, self.views_to_90_ci_starts_high, 2),
+            range(self.views_to_90_ci_sequences_low, self.views_to_90_ci_sequences_high, 2),
+            number(self.views_to_95, 2),
+            range(self.views_to_95_ci_starts_low, self.views_to_95_ci_starts_high, 2),
+            number(self.overlap_1_percent, 1),
+            number(self.overlap_2_percent, 1),
+            number(self.overlap_3_percent, 1),
+        ]
+    }
+}
+
+/// Expected and true gain of the views of a policy on a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct ForecastRow {
+    pub sequence: String,
+    pub policy: String,
+    /// Scans before the view.
+    pub after_scans: String,
+    pub steps: usize,
+    pub expected_gain_percent: Option<f64>,
+    pub true_gain_percent: Option<f64>,
+    /// Of the steps that add 1 % at least.
+    pub steps_in_ratio: usize,
+    pub ratio_median: Option<f64>,
+    pub ratio_quartile_low: Option<f64>,
+    pub ratio_quartile_high: Option<f64>,
+    pub within_factor_2_percent: Option<f64>,
+}
+
+impl Row for ForecastRow {
+    const HEADINGS: &'static [&'static str] = &[
+        "sequence",
+        "policy",
+        "after scans",
+        "steps",
+        "expected gain %",
+        "true gain %",
+        "steps of 1 % and more",
+        "expected / true, median",
+        "quartiles",
+        "within a factor of 2, %",
+    ];
+
+    fn cells(&self) -> Vec<String> {
+        vec![
+            self.sequence.clone(),
+            self.policy.clone(),
+            self.after_scans.clone(),
+            self.steps.to_string(),
+            number(self.expected_gain_percent, 2),
+            number(self.true_gain_percent, 2),
+            self.steps_in_ratio.to_string(),
+            number(self.ratio_median, 2),
+            range(self.ratio_quartile_low, self.ratio_quartile_high, 2),
+            number(self.within_factor_2_percent, 0),
+        ]
+    }
+}
+
+/// Where a policy would have stopped on a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct StopRow {
+    pub sequence: String,
+    pub policy: String,
+    pub episodes: usize,
+    pub stopped: usize,
+    pub scans_at_stop: Option<f64>,
+    pub missing_at_stop_percent: Option<f64>,
+    pub missing_at_stop_most_percent: Option<f64>,
+}
+
+impl Row for StopRow {
+    const HEADINGS: &'static [&'static str] =
+        &["sequence", "policy", "episodes", "stopped", "scans at stop", "missing then %", "missing at most %"];
+
+    fn cells(&self) -> Vec<String> {
+        vec![
+            self.sequence.clone(),
+            self.policy.clone(),
+            self.episodes.to_string(),
+            self.stopped.to_string(),
+            number(self.scans_at_stop, 2),
+            number(self.missing_at_stop_percent, 2),
+            number(self.missing_at_stop_most_percent, 2),
+        ]
+    }
+}
+
+/// Sequence by sequence; over all, where there are several, for policies that ran on each of them.
+pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<RecordedRow> {
+    let sequences = sequences(contents, config);
+    let of = |sequence: &str, policy: &str| {
+        let all = Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
+        let runs = if sequence == ALL { all } else { all.object(sequence) };
+        if runs.is_empty() || (sequence == ALL && runs.objects().len() < sequences.len()) {
+            return None;
+        }
+        let column = |figure| runs.column(figure, config.never);
+        let drawn = |over| draws(&column(Figure::FinalCoverage).sizes(), over, config.resamples, config.seed);
+        let starts = drawn(Over::Episodes);
+        let over_starts = |percent| mean_interval(&column(Figure::ViewsTo(percent)), &starts);
+        let over_sequences =
+            (sequence == ALL).then(|| mean_interval(&column(Figure::ViewsTo(90)), &drawn(Over::Objects))).flatten();
+        let [v80, v90, v95] = [80, 90, 95].map(over_starts);
+        let (low, high) = (|i: Option<Interval>| i.map(|i| i.low), |i: Option<Interval>| i.map(|i| i.high));
+        let value = |i: Option<Interval>| i.map(|i| i.value);
+        Some(RecordedRow {
+            sequence: sequence.to_owned(),
+            policy: policy.to_owned(),
+            starts: runs.len(),
+            views_to_50: column(Figure::ViewsTo(50)).mean(),
+            views_to_80: value(v80),
+            views_to_80_ci_starts_low: low(v80),
+            views_to_80_ci_starts_high: high(v80),
+            views_to_90: value(v90),
+            views_to_90_ci_starts_low: low(v90),
+            views_to_90_ci_starts_high: high(v90),
+            views_to_90_ci_sequences_low: low(over_sequences),
+            views_to_90_ci_sequences_high: high(over_sequences),
+            views_to_95: value(v95),
+            views_to_95_ci_starts_low: low(v95),
+            views_to_95_ci_starts_high: high(v95),
+            overlap_1_percent: column(Figure::Overlap(1)).mean(),
+            overlap_2_percent: column(Figure::Overlap(2)).mean(),
+            overlap_3_percent: column(Figure::Overlap(3)).mean(),
+        })
+    };
+    let all = (sequences.len() > 1).then_some(ALL);
+    let names = sequences.iter().copied().chain(all);
+    names.flat_map(|sequence| policies.iter().filter_map(move |policy| of(sequence, policy))).collect()
+}
+
+/// Sequences by name, in a run on recorded ones.
+fn sequences<'a>(contents: &'a Contents, config: &EvaluateConfig) -> Vec<&'a str> {
+    if config.dataset.name != DatasetName::Sequences {
+        return Vec::new();
+    }
+    let mut names: Vec<&str> = contents.episodes.iter().map(|(r, _)| r.key.object.as_str()).collect();
+    names.dedup();
+    names
+}
+
+/// The episodes of a policy on a sequence in which something was expected.
+fn told<'a>(contents: &'a Contents, sequence: &str, policy: &str) -> Vec<&'a EpisodeRecord> {
+    let of = |r: &&EpisodeRecord| r.key.object == sequence && r.key.policy == policy && !r.forecasts.is_empty();
+    contents.episodes.iter().map(|(r, _)| r).filter(of).collect()
+}
+
+/// What was expected of the views taken, step by step and over all steps.
+pub fn forecasts(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<ForecastRow> {
+    let mut rows = Vec::new();
+    for sequence in sequences(contents, config) {
+        for policy in policies {
+            let episodes = told(contents, sequence, policy);
+            let steps: Vec<(usize, f64, f64)> = episodes
+                .iter()
+                .flat_map(|r| {
+                    let gains = r.coverages.windows(2).map(|c| c[1] - c[0]);
+                    let both = r.forecasts.iter().zip(gains).enumerate();
+                    both.filter_map(|(i, (forecast, gain))| Some((i + 1, forecast.gain?, gain)))
+                })
+                .collect();
+            let of = |after: Option<usize>| {
+                let chosen: Vec<_> = steps.iter().filter(|(i, ..)| after.is_none_or(|a| a == *i)).collect();
+                let mut ratios: Vec<f64> =
+                    chosen.iter().filter(|(.., gain)| *gain >= LEAST_GAIN).map(|(_, e, gain)| e / gain).collect();
+                ratios.sort_by(f64::total_cmp);
+                let at = |share: f64| ratios.get((share * (ratios.len().max(1) - 1) as f64).round() as usize).copied();
+                let near = ratios.iter().filter(|r| (0.5..=2.0).contains(*r)).count();
+                ForecastRow {
+                    sequence: sequence.to_owned(),
+                    policy: policy.clone(),
+                    after_scans: after.map_or_else(|| ALL.to_owned(), |a| a.to_string()),
+                    steps: chosen.len(),
+                    expected_gain_percent: mean(chosen.iter().map(|(_, expected, _)| 100.0 * expected)),
+                    true_gain_percent: mean(chosen.iter().map(|(.., gain)| 100.0 * gain)),
+                    steps_in_ratio: ratios.len(),
+                    ratio_median: at(0.5),
+                    ratio_quartile_low: at(0.25),
+                    ratio_quartile_high: at(0.75),
+                    within_factor_2_percent: (!ratios.is_empty()).then(|| 100.0 * near as f64 / ratios.len() as f64),
+                }
+            };
+            let each = (1..=STEPS).map(Some).chain([None]).map(of).filter(|row| row.steps > 0);
+            rows.extend(each);
+        }
+    }
+    rows
+}
+
+/// Where each policy would have stopped.
+pub fn stops(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<StopRow> {
+    let mut rows = Vec::new();
+    for sequence in sequences(contents, config) {
+        for policy in policies {
+            let episodes = told(contents, sequence, policy);
+            if episodes.is_empty() {
+                continue;
+            }
+            // The decision after `i + 1` scans.
+            let at =
+                |r: &&EpisodeRecord| r.forecasts.iter().position(|f| f.most < STOP_BELOW).map(|i| (i, r.coverages[i]));
+            let stops: Vec<(usize, f64)> = episodes.iter().filter_map(at).collect();
+            let missing = |coverage: f64| 100.0 * (1.0 - coverage);
+            rows.push(StopRow {
+                sequence: sequence.to_owned(),
+                policy: policy.clone(),
+                episodes: episodes.len(),
+                stopped: stops.len(),
+                scans_at_stop: mean(stops.iter().map(|(i, _)| (i + 1) as f64)),
+                missing_at_stop_percent: mean(stops.iter().map(|(_, c)| missing(*c))),
+                missing_at_stop_most_percent: stops.iter().map(|(_, c)| missing(*c)).max_by(f64::total_cmp),
+            });
+        }
+    }
+    rows
+}
+
+/// [`rows`] for readers.
+pub fn table(rows: &[RecordedRow]) -> Table {
+    Table::of(
+        "Recorded sequences",
+        "Views, the first included, to this share of the union of all scans: its points averaged in voxels as wide as the \
+         tolerance, covered where a point of a scan taken lies within the tolerance. Means over starts, and of `all` over \
+         sequences of these. Overlap: share of what the scan covers that was covered before, next views 1 to 3, percent.",
+        rows,
+    )
+}
+
+/// [`forecasts`] for readers.
+pub fn forecast_table(rows: &[ForecastRow]) -> Table {
+    Table::of(
+        "Expected and true gain",
+        "Of the views taken, as shares of the whole. Ratios are of the steps that add 1 % at least.",
+        rows,
+    )
+}
+
+/// [`stops`] for readers.
+pub fn stop_table(rows: &[StopRow]) -> Table {
+    let note = format!("Episodes in which no view was expected to add {STOP_BELOW}, and what was missing there first.");
+    Table::of(&format!("What --stop-below {STOP_BELOW} would have left"), &note, rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+    use crate::record::{Forecast, Timing};
+
+    #[test]
+    fn forecasts_are_held_against_what_came() {
+        let mut config = EvaluateConfig { resamples: 50, never: 9, ..EvaluateConfig::default() };
+        let episode = |sequence: &str, number: usize, coverages: &[f64], expected: &[f64]| {
+            let mut record = record(sequence, "auto", number, coverages, &vec![Some(0.5); coverages.len() - 1]);
+            record.forecasts = expected.iter().map(|&gain| Forecast { gain: Some(gain), most: gain }).collect();
+            (record, Timing { episode_s: 0.0, decisions_s: Vec::new() })
+        };
+        // Gains 0.4, 0.1, 0.1, 0.005; the last decision of the first ends it.
+        let contents = Contents {
+            episodes: vec![
+                episode("a", 0, &[0.395, 0.795, 0.895, 0.995, 1.0], &[0.25, 0.15, 0.3, 0.01, 0.0]),
+                episode("a", 1, &[0.5, 0.9], &[0.21]),
+                episode("b", 0, &[0.5, 1.0], &[0.5]),
+            ],
+            skipped: Vec::new(),
+        };
+        let policies = ["auto".to_owned()];
+        assert!(rows(&contents, &config, &policies).is_empty(), "meshes");
+        config.dataset.name = DatasetName::Sequences;
+        let recorded = rows(&contents, &config, &policies);
+        let views: Vec<_> = recorded.iter().map(|r| (r.sequence.as_str(), r.views_to_80, r.views_to_95)).collect();
+        // a: 3 and 2 views to 80 %, 4 and never (9) to 95 %.
+        assert_eq!(views, [("a", Some(2.5), Some(6.5)), ("b", Some(2.0), Some(2.0)), ("all", Some(2.25), Some(4.25))]);
+        let forecasts = forecasts(&contents, &config, &policies);
+        let all = forecasts.iter().find(|r| r.sequence == "a" && r.after_scans == "all").expect("all");
+        // Ratios 0.625, 1.5, 3 and 0.525; a step of 0.5 % has none.
+        assert_eq!((all.steps, all.steps_in_ratio), (5, 4));
+        let near = |found: Option<f64>, expected: f64| (found.expect("a number") - expected).abs() < 1e-9;
+        assert!(near(all.within_factor_2_percent, 75.0) && near(all.ratio_median, 1.5), "{all:?}");
+        let first = &forecasts[0];
+        assert!(first.after_scans == "1" && near(first.expected_gain_percent, 23.0), "{first:?}");
+        assert!(near(first.true_gain_percent, 40.0) && near(first.ratio_median, 0.625), "{first:?}");
+        let stops = stops(&contents, &config, &policies);
+        // After four scans of the first episode 0.5 % are missing.
+        assert_eq!((stops[0].episodes, stops[0].stopped, stops[0].scans_at_stop), (2, 1, Some(4.0)));
+        assert!(near(stops[0].missing_at_stop_percent, 0.5), "{stops:?}");
+        assert_eq!((stops[1].stopped, stops[1].missing_at_stop_percent), (0, None));
+    }
+}
