@@ -19,6 +19,9 @@ pub trait Watch: Sync {
 
     /// An object cannot be used.
     fn unusable(&self, object: &str, reason: &ObjectError);
+
+    /// A recording lacks what a policy is to be told.
+    fn left_out(&self, _object: &str, _policy: &str) {}
 }
 
 impl Watch for () {
@@ -53,6 +56,11 @@ pub enum NothingRun {
         /// Names and reasons of the first ones.
         reasons: String,
     },
+    /// No recording goes with any policy.
+    #[error(
+        "no sequence has what these policies are to be told: take others (see --list-policies), or add what is lacking"
+    )]
+    NothingFits,
     /// No episode can be run.
     #[error("none of {count} episodes could be run: {reasons}")]
     Skipped {
@@ -76,6 +84,9 @@ impl Outcome {
         if self.unusable.len() == count {
             let reasons: Vec<_> = self.unusable.iter().take(20).map(|(name, why)| format!("{name}: {why}")).collect();
             return Err(NothingRun::Unusable { count, reasons: reasons.join("; ") });
+        }
+        if contents.episodes.is_empty() && contents.skipped.is_empty() {
+            return Err(NothingRun::NothingFits);
         }
         if contents.episodes.is_empty() {
             let reasons: BTreeSet<&str> = contents.skipped.iter().map(|s| s.reason.as_str()).collect();
@@ -114,6 +125,11 @@ pub fn run(
                     watch.unusable(&source.name, &reason);
                     outcome.unusable.push((source.name.clone(), reason));
                 }
+            }
+        }
+        for (object, policy) in usable.iter().flat_map(|o| policies.iter().map(move |p| (o, p))) {
+            if !benchmark::fits(object, policy) {
+                watch.left_out(&object.name, policy.name());
             }
         }
         reached += group.len();

@@ -43,6 +43,14 @@ pub fn planner<'a>(
     })
 }
 
+/// Whether a policy can run on an object: a recording must have what the policy is told.
+pub fn fits(object: &Object, policy: &Policy) -> bool {
+    match &object.body {
+        Body::Mesh(_) => true,
+        Body::Recorded(recording) => Order::of(policy).is_some_and(|order| order.fits(recording)),
+    }
+}
+
 /// The episodes of an object; on a recording one of each start, where it has what the policy is told.
 pub fn wanted<'a>(
     object: &'a Object,
@@ -50,10 +58,10 @@ pub fn wanted<'a>(
     config: &'a EvaluateConfig,
 ) -> impl Iterator<Item = (&'a Policy, EpisodeKey)> {
     policies.iter().flat_map(move |policy| {
-        let episodes = match (&object.body, Order::of(policy)) {
-            (Body::Mesh(_), _) => config.episodes,
-            (Body::Recorded(recording), Some(order)) if order.fits(recording) => config.episodes.min(recording.len()),
-            (Body::Recorded(_), _) => 0,
+        let episodes = match &object.body {
+            _ if !fits(object, policy) => 0,
+            Body::Mesh(_) => config.episodes,
+            Body::Recorded(recording) => config.episodes.min(recording.len()),
         };
         let key = move |episode| EpisodeKey { object: object.name.clone(), policy: policy.to_string(), episode };
         (0..episodes).map(move |episode| (policy, key(episode)))

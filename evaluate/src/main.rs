@@ -119,6 +119,10 @@ impl Watch for Bar {
         self.0.inc(1);
     }
 
+    fn left_out(&self, object: &str, policy: &str) {
+        self.0.suspend(|| eprintln!("{object} lacks what {policy} is to be told: left out"));
+    }
+
     fn unusable(&self, object: &str, reason: &ObjectError) {
         self.0.suspend(|| eprintln!("skipped {object}: {reason}"));
     }

@@ -107,6 +107,12 @@ fn what_does_not_go_with_recordings_is_refused() {
     };
     refused(&["--policies", "benbv"], "\"benbv\" does not run on recorded sequences");
     refused(&["--set", "sequences.boll.tolerance_m=0.001"], "sequences.boll: no such sequence; there are ball");
+    let path = folder.join("sequence.json");
+    let whole = std::fs::read_to_string(&path).expect("readable");
+    std::fs::write(&path, whole.replace("\"background\":true", "\"background\":false")).expect("written");
+    let (code, _, message) = run(directory.path(), &["--policies", "auto:depth-with-background"]);
+    assert!(code == Some(1) && message.contains("ball lacks what auto:depth-with-background"), "{message}");
+    assert!(message.contains("no sequence has what these policies are to be told"), "{message}");
     std::fs::write(folder.join("sequence.json"), "{\"working_distance_m\": 1, \"scans\": [{\"cloud\": \"0.ply\"}]}")
         .expect("written");
     refused(&["--policies", "random"], "at least 2");
