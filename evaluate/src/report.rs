@@ -14,6 +14,7 @@ use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::objects::Object;
 use crate::record::{EpisodeRecord, Timing};
+use datagen::dataset::DatasetName;
 use formats::FormatError;
 use formats::run::{atomic_write, atomic_write_with};
 use std::collections::BTreeSet;
@@ -193,8 +194,12 @@ fn view_rows(r: &EpisodeRecord) -> impl Iterator<Item = ViewRow<'_>> {
 
 fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> String {
     let objects: BTreeSet<&str> = contents.episodes.iter().map(|(r, _)| r.key.object.as_str()).collect();
+    let (kind, distance) = match config.dataset.name {
+        DatasetName::Sequences => ("recorded sequences", "each one's own".to_owned()),
+        _ => ("objects", format!("{} m", config.episode.working_distance_m)),
+    };
     format!(
-        "{} episodes of {} policies on {} objects ({}), seed {}, {} next views after the first, working distance {} m, \
+        "{} episodes of {} policies on {} {kind} ({}), seed {}, {} next views after the first, working distance {distance}, \
          {} episodes without a usable first view. Never reached counts {} views. Intervals are 95 %, bootstrapped.",
         contents.episodes.len(),
         policies.len(),
@@ -202,7 +207,6 @@ fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
         objects.into_iter().collect::<Vec<_>>().join(", "),
         config.seed,
         config.episode.num_views,
-        config.episode.working_distance_m,
         contents.skipped.len(),
         config.never,
     )
