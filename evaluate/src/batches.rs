@@ -22,6 +22,9 @@ pub trait Watch: Sync {
 
     /// A recording lacks what a policy is to be told.
     fn left_out(&self, _object: &str, _policy: &str) {}
+
+    /// This share of an object's surface is seen by no camera around it, and does not count.
+    fn unseeable(&self, _object: &str, _share: f64) {}
 }
 
 impl Watch for () {
@@ -120,7 +123,12 @@ pub fn run(
         let mut usable = Vec::new();
         for (source, object) in group.iter().zip(ready) {
             match object {
-                Ok(object) => usable.push(object),
+                Ok(object) => {
+                    if let Some(share) = object.mesh().map(|mesh| mesh.left_out).filter(|share| *share > 0.0) {
+                        watch.unseeable(&object.name, share);
+                    }
+                    usable.push(object);
+                }
                 Err(reason) => {
                     watch.unusable(&source.name, &reason);
                     outcome.unusable.push((source.name.clone(), reason));

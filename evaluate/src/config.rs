@@ -82,6 +82,9 @@ pub struct EvaluateConfig {
     pub surface: Surface,
     /// Number of its samples.
     pub surface_samples: usize,
+    /// Views around the object of which one at least must see a sample, or it is left out: CAD models have faces inside that no
+    /// camera ever sees. 0 keeps all, as published.
+    pub reference_views: usize,
     /// What a level of coverage that was never reached counts as, in views.
     pub never: usize,
     /// Resamples of the confidence intervals.
@@ -114,6 +117,7 @@ impl Default for EvaluateConfig {
             diagonal_m: 0.2,
             surface: Surface::Sampled,
             surface_samples: 60_000,
+            reference_views: 0,
             never: 17,
             resamples: 2000,
             episode: EpisodeConfig::default(),

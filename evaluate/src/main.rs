@@ -123,6 +123,11 @@ impl Watch for Bar {
         self.0.suspend(|| eprintln!("{object} lacks what {policy} is to be told: left out"));
     }
 
+    fn unseeable(&self, object: &str, share: f64) {
+        let percent = 100.0 * share;
+        self.0.suspend(|| eprintln!("{object}: {percent:.1} % of its surface is seen by no camera and does not count"));
+    }
+
     fn unusable(&self, object: &str, reason: &ObjectError) {
         self.0.suspend(|| eprintln!("skipped {object}: {reason}"));
     }

@@ -1,6 +1,7 @@
 //! The objects of a run: meshes at the working size with samples of their surfaces, or recordings.
 
-use crate::config::{EvaluateConfig, Surface, TableConfig};
+use crate::config::{EvaluateConfig, Surface};
+use crate::policies::sphere::{fibonacci, view_at};
 use datagen::dataset::{
     DatasetError, DatasetName, Object as Source, SplitChoice, list_objects, list_sequences, load_mesh,
 };
@@ -9,7 +10,7 @@ use formats::sequence::read_sequence;
 use geometry::rng::stream;
 use geometry::sampling::poisson_disk_sample;
 use geometry::{Mesh, NeighborGrid};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use std::path::{Path, PathBuf};
 
 /// An object ready to be scanned.
@@ -34,6 +35,8 @@ pub struct Meshed {
     pub scene: Scene,
     /// Surface samples, not yet averaged.
     pub samples: Vec<Point3<f64>>,
+    /// Share of the surface that no camera around it sees, which is not among them (`reference_views`).
+    pub left_out: f64,
     /// Least height of a camera, where the object stands on a table.
     pub least_z: Option<f64>,
 }
@@ -138,11 +141,20 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
     }
     let table_top = mesh.bounding_box().0.z;
     let scene = Scene::new(mesh);
+    let all = samples.len();
+    if config.reference_views > 0 {
+        samples = visible_from(&scene, &samples, &config.episode, fibonacci(config.reference_views));
+    }
+    let left_out = (all - samples.len()) as f64 / all as f64;
     let least_z = config.table.as_ref().map(|table| {
-        samples = visible_from_above(&scene, &samples, &config.episode, table);
+        let above = fibonacci(2 * table.views).into_iter().filter(|d| d.z > 0.0);
+        samples = visible_from(&scene, &samples, &config.episode, above);
         table_top + table.clearance_m
     });
-    Ok(Object { name: name.to_owned(), body: Body::Mesh(Meshed { scene, samples, least_z }) })
+    if samples.is_empty() {
+        return Err(ObjectError::NoSurface);
+    }
+    Ok(Object { name: name.to_owned(), body: Body::Mesh(Meshed { scene, samples, left_out, least_z }) })
 }
 
 /// The authors' samples beside a mesh.
@@ -151,21 +163,54 @@ fn published_samples(mesh: &Path) -> PathBuf {
     mesh.with_file_name(format!("{stem}_simple60k.npy"))
 }
 
-/// The samples that some view over the upper half of the sphere sees.
-fn visible_from_above(
+/// The samples that some view from one of these directions sees.
+fn visible_from(
     scene: &Scene,
     samples: &[Point3<f64>],
     episode: &EpisodeConfig,
-    table: &TableConfig,
+    directions: impl IntoIterator<Item = Vector3<f64>>,
 ) -> Vec<Point3<f64>> {
     let camera = episode.image.camera();
     let render = RenderConfig { noise: None, ..episode.render.clone() };
     let mut seen = Vec::new();
-    for direction in crate::policies::sphere::fibonacci(2 * table.views).into_iter().filter(|d| d.z > 0.0) {
-        let view = crate::policies::sphere::view_at(&direction, episode.working_distance_m);
+    for direction in directions {
+        let view = view_at(&direction, episode.working_distance_m);
         let pose = view.world_from_camera();
         seen.extend(scene.depth_image(&camera, &pose, &render).to_points(&camera, &pose));
     }
     let grid = NeighborGrid::new(&seen, 2.0 * episode.tolerance_m);
     samples.iter().copied().filter(|p| grid.any_within(p, episode.tolerance_m)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cube of this edge about the origin, its faces outwards.
+    fn cube(edge: f64) -> Mesh {
+        let vertex = |i: usize| Point3::from([0, 1, 2].map(|k| edge * ((i >> k & 1) as f64 - 0.5)));
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        Mesh { vertices: (0..8).map(vertex).collect(), triangles }
+    }
+
+    #[test]
+    fn faces_that_no_camera_sees_are_left_out_of_the_reference_if_asked_for() {
+        // A cube in a cube: a fifth of the surface is inside.
+        let (outer, inner) = (cube(1.0), cube(0.5));
+        let vertices = outer.vertices.iter().chain(&inner.vertices).copied().collect();
+        let inside = inner.triangles.iter().map(|t| t.map(|i| i + 8));
+        let mesh = Mesh { vertices, triangles: outer.triangles.iter().copied().chain(inside).collect() };
+        let shares = [0, 100].map(|reference_views| {
+            let config = EvaluateConfig { reference_views, surface_samples: 2_000, ..EvaluateConfig::default() };
+            let object = prepare("cubes", None, &mesh, &config).expect("a surface");
+            let object = object.mesh().expect("a mesh");
+            let low = object.scene.mesh().bounding_box().0;
+            let is_inside = |p: &&Point3<f64>| (0..3).all(|k| p[k].abs() < 0.9 * low[k].abs());
+            (object.samples.iter().filter(is_inside).count(), object.samples.len())
+        });
+        assert!(shares[0].0 > 300, "they count as published: {shares:?}");
+        assert_eq!(shares[1].0, 0, "no view sees them: {shares:?}");
+        assert!(shares[1].1 * 100 > (shares[0].1 - shares[0].0) * 98, "what is outside stays: {shares:?}");
+    }
 }

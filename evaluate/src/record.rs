@@ -20,8 +20,8 @@ pub struct EpisodeKey {
 pub struct Forecast {
     /// Gain of the view taken, as a share of the whole surface, where the planner tells it.
     pub gain: Option<f64>,
-    /// What `stop` goes by: the most that any view was expected to add.
-    pub most: f64,
+    /// What `stop` goes by: the most that any view was expected to add, where the planner tells it.
+    pub most: Option<f64>,
 }
 
 /// The outcome of an episode; equal for equal settings.

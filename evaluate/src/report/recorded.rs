@@ -273,8 +273,9 @@ pub fn stops(contents: &Contents, config: &EvaluateConfig, policies: &[String]) 
                 continue;
             }
             // The decision after `i + 1` scans.
-            let at =
-                |r: &&EpisodeRecord| r.forecasts.iter().position(|f| f.most < STOP_BELOW).map(|i| (i, r.coverages[i]));
+            let at = |r: &&EpisodeRecord| {
+                r.forecasts.iter().position(|f| f.most.is_some_and(|m| m < STOP_BELOW)).map(|i| (i, r.coverages[i]))
+            };
             let stops: Vec<(usize, f64)> = episodes.iter().filter_map(at).collect();
             let missing = |coverage: f64| 100.0 * (1.0 - coverage);
             rows.push(StopRow {
@@ -328,7 +329,7 @@ mod tests {
         let mut config = EvaluateConfig { resamples: 50, never: 9, ..EvaluateConfig::default() };
         let episode = |sequence: &str, number: usize, coverages: &[f64], expected: &[f64]| {
             let mut record = record(sequence, "auto", number, coverages, &vec![Some(0.5); coverages.len() - 1]);
-            record.forecasts = expected.iter().map(|&gain| Forecast { gain: Some(gain), most: gain }).collect();
+            record.forecasts = expected.iter().map(|&gain| Forecast { gain: Some(gain), most: Some(gain) }).collect();
             (record, Timing { episode_s: 0.0, decisions_s: Vec::new() })
         };
         // Gains 0.4, 0.1, 0.1, 0.005; the last decision of the first ends it.
