@@ -3,15 +3,25 @@
 use clap::{Args, Parser, Subcommand};
 use datagen::config::DatagenConfig;
 use formats::Flag;
-use formats::program::{CommonArgs, seed};
+use formats::program::{CommonArgs, EXIT_CODES, length, seed, share};
 use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  datagen                                            a few built-in objects into runs/data/procedural
+  datagen --dataset modelnet40 --per-category 20     meshes under data/modelnet40
+  datagen --dataset folder --root my/meshes --out runs/data/mine --set episode.working_distance_m=0.8
+  datagen verify runs/data/mine                      every byte against checksums, settings and manifest
+  datagen inspect runs/data/mine                     what is inside
+
+A stopped run goes on with the same command. ";
 
 /// Scan meshes in simulation and write training shards of boundary-based next-best-view decisions.
 #[derive(Parser)]
 #[command(
-    version,
     args_conflicts_with_subcommands = true,
-    after_help = "Examples:\n  datagen                                            a few built-in objects into runs/data/procedural\n  datagen --dataset modelnet40 --per-category 20     meshes under data/modelnet40\n  datagen --dataset folder --root my/meshes --out runs/data/mine --set episode.working_distance_m=0.8\n  datagen verify runs/data/mine                      every byte against checksum and manifest\n  datagen inspect runs/data/mine                     what is inside\n\nA stopped run goes on with the same command. Exit codes: 0 done, 1 error, 2 wrong usage, 130 stopped."
+    version = built::VERSION,
+    after_help = format!("{EXAMPLES}{EXIT_CODES}")
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -22,7 +32,7 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 pub enum Command {
-    /// Check every shard of a set against its checksum and the manifest
+    /// Check every file of a set: shards, surfaces and settings against checksums and manifest
     Verify {
         /// Directory of the set
         directory: PathBuf,
@@ -47,7 +57,7 @@ pub enum Command {
         #[arg(long)]
         out: PathBuf,
         /// Share of the objects set aside for validation
-        #[arg(long, default_value_t = 0.2)]
+        #[arg(long, value_name = "SHARE", default_value_t = 0.2, value_parser = share)]
         validation_share: f64,
         /// Decides which objects are set aside
         #[arg(long, default_value_t = 0, value_parser = seed)]
@@ -87,7 +97,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "N")]
     pub objects: Option<u32>,
     /// Print the objects that would be taken, and stop
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["out", "part", "json"])]
     pub list_objects: bool,
     /// Next views per object (15)
     #[arg(long, value_name = "N")]
@@ -96,7 +106,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "N")]
     pub candidates: Option<u32>,
     /// Distance from target to camera in metres (1.2)
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = length)]
     pub distance: Option<f64>,
     /// This process's share of the objects, e.g. 0/4 of 0/4 to 3/4; taken by itself from a Slurm array task, or from
     /// JOB_COMPLETION_INDEX and JOB_COMPLETIONS of a Kubernetes indexed job

@@ -66,33 +66,36 @@ impl DatagenConfig {
     /// # Errors
     /// The key, what was found, and what was expected.
     pub fn validate(&self) -> Result<(), SettingError> {
-        let length = |key, value: f64| {
-            if value > 0.0 && value.is_finite() {
-                Ok(())
-            } else {
-                Err(SettingError::new(key, value, "a length above 0"))
-            }
-        };
-        length("object_diagonal_m", self.object_diagonal_m)?;
-        length("episode.working_distance_m", self.episode.working_distance_m)?;
-        length("episode.tolerance_m", self.episode.tolerance_m)?;
+        if !(self.object_diagonal_m > 0.0 && self.object_diagonal_m.is_finite()) {
+            return Err(SettingError::new("object_diagonal_m", self.object_diagonal_m, "a length above 0"));
+        }
+        self.episode.validate()?;
         if !(0.0..1.0).contains(&self.validation_share) {
             return Err(SettingError::new("validation_share", self.validation_share, "0 or more, and under 1"));
         }
-        for (key, count) in [
+        check_counts(&[
             ("surface_samples", self.surface_samples),
-            ("episode.num_views", self.episode.num_views),
             ("candidates.num_targets", self.candidates.num_targets),
             ("candidates.boundary.neighbors", self.candidates.boundary.neighbors),
-        ] {
-            if count == 0 {
-                return Err(SettingError::new(key, 0, "at least 1"));
-            }
-        }
+        ])?;
         if self.candidates.tilts_deg.is_empty() {
             return Err(SettingError::new("candidates.tilts_deg", "[]", "at least one angle"));
         }
         Ok(())
+    }
+}
+
+/// A mistyped count must not ask for all memory there is.
+const MOST: usize = 10_000_000;
+
+/// Refuses counts of nothing and of more than any use.
+///
+/// # Errors
+/// The first such count, by its key.
+pub fn check_counts(counts: &[(&'static str, usize)]) -> Result<(), SettingError> {
+    match counts.iter().find(|(_, count)| !(1..=MOST).contains(count)) {
+        Some((key, count)) => Err(SettingError::new(key, count, "1 to 10,000,000")),
+        None => Ok(()),
     }
 }
 
@@ -156,6 +159,11 @@ mod tests {
         let mut config = DatagenConfig::default();
         config.episode.tolerance_m = f64::NAN;
         assert!(config.validate().unwrap_err().to_string().contains("episode.tolerance_m = NaN"));
+        let config = DatagenConfig { surface_samples: 1_000_000_000_000, ..Default::default() };
+        assert!(config.validate().unwrap_err().to_string().contains("surface_samples = 1000000000000"));
+        let mut config = DatagenConfig::default();
+        config.episode.image.width = 1_000_000;
+        assert!(config.validate().unwrap_err().to_string().contains("episode.image.width = 1000000"));
         let config = DatagenConfig { validation_share: 1.0, ..Default::default() };
         assert!(config.validate().unwrap_err().to_string().contains("validation_share = 1"));
     }

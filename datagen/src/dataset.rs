@@ -2,6 +2,7 @@
 
 mod folder;
 mod modelnet40;
+mod names;
 mod procedural;
 mod repository3d;
 mod selection;
@@ -183,6 +184,7 @@ pub fn list_objects(config: &DatasetConfig, seed: u64, validation_share: f64) ->
         DatasetName::Folder | DatasetName::Procedural => folder::find(&root)?,
         DatasetName::Sequences => return Err(DatasetError::Choice(NO_MESHES.to_owned())),
     };
+    let found = names::distinct(&root, found)?;
     let found = selection::select(config, &root, choice, found)?;
     let objects = found.into_iter().map(|f| Object {
         name: f.name,

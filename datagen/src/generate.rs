@@ -9,6 +9,7 @@ mod object;
 
 use crate::config::DatagenConfig;
 use crate::dataset::{DatasetError, Object};
+use formats::lock::{LOCK, Lock, LockError};
 use formats::run::{RunDir, RunError};
 use formats::{ConfigError, Fate, FormatError, ObjectRecord};
 use rayon::prelude::*;
@@ -43,12 +44,9 @@ pub enum GenerateError {
         /// One line per setting.
         differences: String,
     },
-    /// Another process is at it.
-    #[error("another process makes this part of {out:?}; wait for it, or give another --out or --part")]
-    Busy {
-        /// The directory.
-        out: PathBuf,
-    },
+    /// Another process makes the same part.
+    #[error(transparent)]
+    Lock(#[from] LockError),
     /// The threads cannot be started.
     #[error("cannot start threads: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
@@ -102,7 +100,7 @@ pub struct Job<'a> {
     pub out: &'a Path,
     /// Number of threads; 0: one per core.
     pub jobs: usize,
-    /// Commit of the source tree, noted in the shards.
+    /// Commit that the program was built from, noted in the shards.
     pub commit: &'a str,
 }
 
@@ -189,7 +187,7 @@ pub struct Prepared {
     /// Notes how the run ends.
     pub run: RunDir,
     /// Held as long as the part is worked on.
-    _lock: std::fs::File,
+    _lock: Lock,
 }
 
 /// Makes the run directory: refuses one that holds a set of other settings, or of which another process makes the
@@ -207,18 +205,24 @@ pub fn prepare(job: &Job, program: &str) -> Result<Prepared, GenerateError> {
         if stored.exists() {
             check_same_settings(job, &stored)?;
         }
-        let Some(lock) = manifest::lock_part(job.out, job.part)? else {
-            return Err(GenerateError::Busy { out: job.out.to_owned() });
-        };
+        let lock = lock_part(job.out, job.part)?;
         // Left by a process that was killed.
         for file in ["config.toml", formats::manifest::MANIFEST, &name] {
             formats::run::remove_temporaries(&job.out.join(file));
         }
-        Ok(Prepared { run: RunDir::create_part(job.out, program, job.config, &name)?, _lock: lock })
+        let run = RunDir::create_part(job.out, program, job.commit, job.config, &name)?;
+        Ok(Prepared { run, _lock: lock })
     })
 }
 
+/// A lock for as long as a part is worked on.
+pub(crate) fn lock_part(out: &Path, part: Part) -> Result<Lock, LockError> {
+    let name = format!("{LOCK}-{}-of-{}", part.index, part.count);
+    formats::lock::try_lock(out, &name, &format!("datagen, part {} of {}", part.index, part.count))
+}
+
 fn check_same_settings(job: &Job, stored: &Path) -> Result<(), GenerateError> {
+    formats::config::check_stored(stored)?;
     let old: DatagenConfig = formats::config::load(Some(stored), &[], &[])?;
     let (old, new) = (old.without_places(), job.config.without_places());
     if old == new {

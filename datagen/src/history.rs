@@ -1,59 +1,86 @@
 //! The authors' frame histories as a set of shards, and back.
 
 use crate::dataset::{Object, Source, SplitChoice, assign_splits};
-use crate::generate::shard_path;
+use crate::generate::{Part, lock_part, shard_path};
 use formats::frame_history::{Frame, NUM_VIEWS, read_frame_history, write_frame_history};
+use formats::lock::LockError;
+use formats::manifest::MANIFEST;
 use formats::shard::SCHEMA_VERSION;
-use formats::{
-    CloudPrecision, Fate, FormatError, Manifest, ObjectRecord, Sample, ShardMetadata, ShardReader, ShardWriter, Split,
-};
+use formats::{CloudPrecision, Fate, FormatError, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
 use geometry::View;
 use geometry::density::densities;
 use nalgebra::Point3;
 use planning::CandidateView;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Neighbours of the density at a candidate's target (docs/method.md, 'Network input and output').
 const DENSITY_NEIGHBORS: usize = 30;
+/// Bytes of a file's name before its ending.
+const LONGEST: usize = 200;
+
+/// What the manifest calls an imported set.
+pub const DATASET: &str = "frame-history";
+
+/// Why frame histories cannot become a set, or a set frame histories.
+#[derive(Debug, thiserror::Error)]
+pub enum HistoryError {
+    /// A file cannot be read or written.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// Another process writes to the directory.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// Two files would become one object.
+    #[error("{first:?} and {second:?} are both called {name:?}, whatever the case of letters; rename one")]
+    SameName {
+        /// A file.
+        first: PathBuf,
+        /// Another one.
+        second: PathBuf,
+        /// The name of both.
+        name: String,
+    },
+    /// The directory holds something else.
+    #[error("{out:?} holds a set of {found:?}; name another --out")]
+    OtherSet {
+        /// The directory.
+        out: PathBuf,
+        /// What its manifest says it is.
+        found: String,
+    },
+}
 
 /// Frame histories as a set. What they do not say stays NaN: coverage and overlap.
 ///
 /// # Errors
-/// The first file that is no frame history, with the frame; two files of one name; what cannot be written.
-pub fn import(inputs: &[PathBuf], out: &Path, validation_share: f64, seed: u64) -> Result<Manifest, FormatError> {
-    let mut files = vec![];
-    for input in inputs {
-        if input.is_dir() {
-            let entries = std::fs::read_dir(input).map_err(|e| FormatError::io(input, "read the directory", e))?;
-            files.extend(entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "bin")));
-        } else {
-            files.push(input.clone());
+/// The first file that is no frame history, with the frame; two files of one name; a directory with another set, or in use;
+/// what cannot be written.
+pub fn import(
+    inputs: &[PathBuf],
+    out: &Path,
+    validation_share: f64,
+    seed: u64,
+    commit: &str,
+) -> Result<Manifest, HistoryError> {
+    let objects = assign_splits(objects(inputs)?, SplitChoice::Train, seed, validation_share);
+    let histories: Vec<(&Object, Vec<Frame>)> = objects
+        .iter()
+        .filter_map(|object| match &object.source {
+            Source::File(path) => Some(read_frame_history(path).map(|frames| (object, frames))),
+            Source::Sequence(_) | Source::Procedural { .. } => None,
+        })
+        .collect::<Result<_, _>>()?;
+    if out.join(MANIFEST).exists() {
+        let found = Manifest::read(out)?.dataset;
+        if found != DATASET {
+            return Err(HistoryError::OtherSet { out: out.to_owned(), found });
         }
     }
-    files.sort();
-    let objects = files
-        .iter()
-        .map(|path| Object {
-            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            category: "frame-history".to_owned(),
-            split: Split::Train,
-            source: Source::File(path.clone()),
-        })
-        .collect();
-    let mut objects: Vec<Object> = assign_splits(objects, SplitChoice::Train, seed, validation_share);
-    objects.sort_by(|a, b| a.name.cmp(&b.name));
+    let _lock = lock_part(out, Part::WHOLE)?;
     let mut records = vec![];
-    let commit = formats::run::commit();
-    for (object, path) in objects.iter().filter_map(|o| match &o.source {
-        Source::File(path) => Some((o, path)),
-        Source::Sequence(_) | Source::Procedural { .. } => None,
-    }) {
-        if records.iter().any(|r: &ObjectRecord| r.object == object.name) {
-            let place = formats::Place::File;
-            return Err(FormatError::syntax(path, place, format!("a second object {:?}", object.name), "other names"));
-        }
-        let samples = to_samples(&object.name, &read_frame_history(path)?);
-        let shard = shard_path(out, &object.name);
+    for (object, frames) in histories {
+        let samples = to_samples(&object.name, &frames);
         let record = ObjectRecord {
             object: object.name.clone(),
             category: object.category.clone(),
@@ -69,28 +96,59 @@ pub fn import(inputs: &[PathBuf], out: &Path, validation_share: f64, seed: u64) 
         let metadata = ShardMetadata {
             schema_version: SCHEMA_VERSION,
             sha256: String::new(),
-            config_hash: "frame-history".to_owned(),
+            config_hash: DATASET.to_owned(),
             seed,
-            commit: commit.clone(),
+            commit: commit.to_owned(),
             objects: vec![record.clone()],
         };
         let mut writer = ShardWriter::new(metadata, CloudPrecision::F32);
         for sample in &samples {
             writer.push(sample)?;
         }
-        writer.write(&shard)?;
+        writer.write(&shard_path(out, &object.name))?;
         records.push(record);
     }
     let manifest = Manifest {
         schema_version: SCHEMA_VERSION,
-        dataset: "frame-history".to_owned(),
-        config_hash: "frame-history".to_owned(),
+        sha256: String::new(),
+        dataset: DATASET.to_owned(),
+        config_hash: DATASET.to_owned(),
         seed,
-        commit,
+        commit: commit.to_owned(),
         objects: records,
     };
     manifest.write(out)?;
     Ok(manifest)
+}
+
+/// The files as objects by name, each name once.
+fn objects(inputs: &[PathBuf]) -> Result<Vec<Object>, HistoryError> {
+    let mut files = vec![];
+    for input in inputs {
+        if input.is_dir() {
+            let entries = std::fs::read_dir(input).map_err(|e| FormatError::io(input, "read the directory", e))?;
+            files.extend(entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "bin")));
+        } else {
+            files.push(input.clone());
+        }
+    }
+    files.sort();
+    let mut objects = BTreeMap::<String, (PathBuf, Object)>::new();
+    for path in files {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let object = Object {
+            name: name.clone(),
+            category: DATASET.to_owned(),
+            split: Split::Train,
+            source: Source::File(path.clone()),
+        };
+        if let Some((first, _)) = objects.insert(name.to_lowercase(), (path.clone(), object)) {
+            return Err(HistoryError::SameName { first, second: path, name });
+        }
+    }
+    let mut objects: Vec<Object> = objects.into_values().map(|(_, object)| object).collect();
+    objects.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(objects)
 }
 
 /// The samples of a frame history, in its order: frame i is the decision after i + 1 scans.
@@ -116,22 +174,31 @@ pub fn to_samples(object: &str, frames: &[Frame]) -> Vec<Sample> {
     frames.iter().enumerate().map(sample).collect()
 }
 
-/// Writes a set as frame histories, `<out>/<object>.bin` with `/` in names as `_`. Samples with other than 20
+/// Writes a set as frame histories, `<out>/<object>.bin` with `/` in names as `_` (and a digest where two names meet so). Samples with other than 20
 /// candidates, or before which one was left out, cannot be said and are left out; their number is the second result.
 ///
 /// # Errors
 /// A shard that cannot be read; what cannot be written.
 pub fn export(directory: &Path, out: &Path) -> Result<(usize, usize), FormatError> {
     let manifest = Manifest::read(directory)?;
+    let flat = |record: &ObjectRecord| record.object.replace('/', "_");
+    let mut uses = BTreeMap::<String, usize>::new();
+    for record in &manifest.objects {
+        *uses.entry(flat(record).to_lowercase()).or_default() += 1;
+    }
     let (mut files, mut left_out) = (0, 0);
     for record in &manifest.objects {
-        let Fate::Done { shard, .. } = &record.fate else { continue };
-        let reader = ShardReader::open(&directory.join(shard))?;
-        let samples: Vec<Sample> = (0..reader.len()).map(|i| reader.sample(i)).collect();
+        let Some(reader) = manifest.open(directory, record)? else { continue };
+        let samples: Vec<Sample> = (0..reader.len()).map(|i| reader.sample(i)).collect::<Result<_, _>>()?;
         let frames: Vec<Frame> = samples.iter().map_while(to_frame).collect();
         left_out += samples.len() - frames.len();
         if !frames.is_empty() {
-            write_frame_history(&out.join(format!("{}.bin", record.object.replace('/', "_"))), &frames)?;
+            let mut name = flat(record);
+            if uses[&name.to_lowercase()] > 1 || name.len() > LONGEST {
+                let end = (0..=LONGEST.min(name.len())).rev().find(|&i| name.is_char_boundary(i)).unwrap_or(0);
+                name = format!("{}~{}", &name[..end], formats::config::digest(record.object.as_bytes()));
+            }
+            write_frame_history(&out.join(format!("{name}.bin")), &frames)?;
             files += 1;
         }
     }
@@ -182,7 +249,7 @@ mod tests {
         let bin = directory.path().join("teapot.bin");
         write_frame_history(&bin, &frames).unwrap();
         let set = directory.path().join("set");
-        let manifest = import(std::slice::from_ref(&bin), &set, 0.2, 0).unwrap();
+        let manifest = import(std::slice::from_ref(&bin), &set, 0.2, 0, "none").unwrap();
         assert_eq!(manifest.num_samples(), 3);
         assert!(crate::verify::verify(&set).unwrap().is_sound());
         assert_eq!(export(&set, &directory.path().join("back")).unwrap(), (1, 0));
@@ -193,9 +260,28 @@ mod tests {
         }
     }
 
+    #[test]
+    fn files_of_one_name_and_sets_of_another_kind_are_refused() {
+        let home = tempfile::tempdir().unwrap();
+        let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/frame_history.bin"));
+        for name in ["x/a.bin", "y/A.bin"] {
+            std::fs::create_dir_all(home.path().join(name).parent().unwrap()).unwrap();
+            std::fs::copy(source, home.path().join(name)).unwrap();
+        }
+        let inputs = ["x", "y"].map(|name| home.path().join(name));
+        let out = home.path().join("set");
+        let text = import(&inputs, &out, 0.2, 0, "none").expect_err("one name").to_string();
+        assert!(text.contains("x/a.bin") && text.contains("y/A.bin") && !out.exists(), "{text}");
+        let mut manifest = import(&inputs[..1], &out, 0.2, 0, "none").unwrap();
+        manifest.dataset = "folder".to_owned();
+        manifest.write(&out).unwrap();
+        let text = import(&inputs[..1], &out, 0.2, 0, "none").expect_err("another set").to_string();
+        assert!(text.contains("holds a set of \"folder\""), "{text}");
+    }
+
     fn becomes_a_set(bin: &Path) {
         let set = tempfile::tempdir().unwrap();
-        let manifest = import(&[bin.to_owned()], set.path(), 0.2, 0).unwrap();
+        let manifest = import(&[bin.to_owned()], set.path(), 0.2, 0, "none").unwrap();
         assert_eq!(manifest.num_samples(), 3);
         assert!(crate::verify::verify(set.path()).unwrap().is_sound());
         let back = set.path().join("back");

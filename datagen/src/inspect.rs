@@ -37,7 +37,7 @@ pub struct Inspection {
     pub mean_overlap: Vec<f64>,
     /// Fewest, mean and most points of a cloud.
     pub points: [f64; 3],
-    /// Numbers that are not finite, outside their range, or of no direction.
+    /// Samples with a number that cannot be, or without normals.
     pub oddities: usize,
     /// Names of shards that cannot be read.
     pub unreadable: Vec<String>,
@@ -70,8 +70,10 @@ pub fn inspect(directory: &Path) -> Result<Inspection, FormatError> {
             Fate::Done { shard, coverage, overlap, .. } => {
                 coverages.add(&coverage);
                 overlaps.add(&overlap);
-                let reader = match ShardReader::open(&directory.join(shard)) {
-                    Ok(reader) => reader,
+                let path = directory.join(shard);
+                let read = |reader: ShardReader| (0..reader.len()).map(|index| reader.sample(index)).collect();
+                let samples: Vec<Sample> = match ShardReader::open(&path).and_then(read) {
+                    Ok(samples) => samples,
                     Err(error) => {
                         seen.unreadable.push(error.to_string());
                         continue;
@@ -79,11 +81,11 @@ pub fn inspect(directory: &Path) -> Result<Inspection, FormatError> {
                 };
                 let counts = seen.splits.entry(record.split).or_default();
                 counts[0] += 1;
-                counts[1] += reader.len();
-                for index in 0..reader.len() {
-                    seen.add(&reader.sample(index), num_samples == 0 && index == reader.len() / 2);
+                counts[1] += samples.len();
+                for (index, sample) in samples.iter().enumerate() {
+                    seen.add(sample, num_samples == 0 && index == samples.len() / 2);
                 }
-                num_samples += reader.len();
+                num_samples += samples.len();
             }
         }
     }
@@ -100,16 +102,13 @@ impl Inspection {
         let points = sample.cloud.len() as f64;
         self.points = [self.points[0].min(points), self.points[1] + points, self.points[2].max(points)];
         *self.candidates_per_decision.entry(sample.candidates.len()).or_default() += 1;
-        for (score, candidate) in sample.scores.iter().zip(&sample.candidates) {
+        for score in &sample.scores {
             if (0.0..=1.0).contains(score) {
                 self.score_histogram[((score * BINS as f64) as usize).min(BINS - 1)] += 1;
-            } else {
-                self.oddities += 1;
             }
-            self.oddities += usize::from(!candidate.view.is_valid());
         }
-        let finite = sample.cloud.points.iter().all(|p| p.iter().all(|x| x.is_finite()));
-        self.oddities += usize::from(!finite) + usize::from(!sample.cloud.has_normals());
+        self.oddities += usize::from(sample.check().is_err());
+        self.oddities += usize::from(!sample.cloud.has_normals());
         if describe {
             let (low, high) = sample.cloud.bounding_box();
             let best = sample.scores.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |b| b.0);

@@ -6,11 +6,10 @@ mod progress;
 
 use anyhow::{Context, bail};
 use args::{Cli, Command, RunArgs};
-use clap::Parser;
 use datagen::config::DatagenConfig;
 use datagen::dataset::{DatasetName, Source, list_objects};
 use datagen::generate::{Job, Summary, generate, prepare};
-use formats::program::{ProgramError, STOPPED, finish, print, print_line, stop_when_asked};
+use formats::program::{self, ProgramError, STOPPED, finish, print, print_line, stop_when_asked};
 use progress::Progress;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -18,7 +17,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = program::parse();
     cli.run.common.start_messages(["warn", "info", "debug"]);
     finish(match cli.command {
         None => run(&cli.run),
@@ -44,8 +43,8 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     }
     let part = part::part(args.part.as_deref(), |name| std::env::var(name).ok())?;
     let out = args.out.clone().unwrap_or_else(|| default_out(&config));
-    let commit = formats::run::commit();
-    let job = Job { config: &config, objects: &objects, part, out: &out, jobs: args.common.jobs, commit: &commit };
+    let jobs = args.common.jobs;
+    let job = Job { config: &config, objects: &objects, part, out: &out, jobs, commit: built::COMMIT };
     let mut prepared = prepare(&job, "datagen")?;
 
     let stop =
@@ -65,8 +64,10 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
         Ok(summary) => format!("stopped, {} objects left", summary.left),
         Err(error) => error.to_string(),
     };
-    prepared.run.finish(&outcome)?;
+    let noted = prepared.run.finish(&outcome);
+    // What stopped the run comes first: on a full disk its end cannot be noted either.
     let summary = summary.context("stopped; what is finished stays, and the same command goes on from there")?;
+    noted?;
     let seconds = clock.elapsed().as_secs_f64();
     if args.json {
         print_line(serde_json::to_string(&summary)?)?;
@@ -134,8 +135,8 @@ fn verify(directory: &std::path::Path, json: bool) -> anyhow::Result<ExitCode> {
         print_line(serde_json::to_string(&verdict)?)?;
     } else {
         print_line(format_args!(
-            "{} sound shards with {} samples, {} objects skipped",
-            verdict.shards, verdict.samples, verdict.skipped
+            "{} sound shards with {} samples, {} sound surfaces, {} objects skipped",
+            verdict.shards, verdict.samples, verdict.surfaces, verdict.skipped
         ))?;
         for problem in &verdict.problems {
             print_line(format_args!("problem: {problem}"))?;
@@ -158,7 +159,7 @@ fn inspect(directory: &std::path::Path, json: bool) -> anyhow::Result<ExitCode> 
 }
 
 fn import(inputs: &[PathBuf], out: &std::path::Path, validation_share: f64, seed: u64) -> anyhow::Result<ExitCode> {
-    let manifest = datagen::history::import(inputs, out, validation_share, seed)?;
+    let manifest = datagen::history::import(inputs, out, validation_share, seed, built::COMMIT)?;
     print_line(format_args!(
         "{} objects, {} samples in {}",
         manifest.objects.len(),

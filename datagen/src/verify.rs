@@ -1,5 +1,7 @@
 //! Is a set whole and sound?
 
+use crate::config::DatagenConfig;
+use formats::surface::read_surface;
 use formats::{Fate, FormatError, Manifest, ShardReader};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -11,6 +13,8 @@ pub struct Verdict {
     pub shards: usize,
     /// Samples in them.
     pub samples: usize,
+    /// Reference surfaces that are sound.
+    pub surfaces: usize,
     /// Objects that cannot be used.
     pub skipped: usize,
     /// Objects not made yet.
@@ -26,10 +30,10 @@ impl Verdict {
     }
 }
 
-/// Reads every shard of a set and holds it against its checksum and the manifest.
+/// Reads every file of a set: manifest, shards and surfaces against their checksums, shards and settings against the manifest.
 ///
 /// # Errors
-/// A directory without a manifest. What is wrong with shards is in the verdict.
+/// A directory without a sound manifest. What is wrong with shards is in the verdict.
 pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
     let manifest = Manifest::read(directory)?;
     let mut verdict = Verdict::default();
@@ -38,37 +42,37 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
         match &record.fate {
             Fate::Missing => verdict.missing.push(record.object.clone()),
             Fate::Skipped { .. } => verdict.skipped += 1,
-            Fate::Done { shard, samples, .. } => {
-                let path = directory.join(shard);
-                match ShardReader::open(&path).and_then(|r| r.verify().map(|()| r)) {
+            Fate::Done { shard, .. } => {
+                if !known.insert(directory.join(shard)) {
+                    verdict.problems.push(format!("{:?}: its shard {shard:?} is another object's too", record.object));
+                }
+                let checked = manifest.open(directory, record).and_then(|reader| {
+                    reader.as_ref().map_or(Ok(()), ShardReader::verify)?;
+                    Ok(reader.map_or(0, |reader| reader.len()))
+                });
+                match checked {
                     Err(error) => verdict.problems.push(error.to_string()),
-                    Ok(reader) => {
-                        let metadata = reader.metadata();
-                        let mut differs = |what: &str, found: String, expected: String| {
-                            if found != expected {
-                                verdict
-                                    .problems
-                                    .push(format!("{path:?}: {what} {found}, but the manifest says {expected}"));
-                            }
-                        };
-                        differs("config_hash", metadata.config_hash.clone(), manifest.config_hash.clone());
-                        differs("seed", metadata.seed.to_string(), manifest.seed.to_string());
-                        differs("number of samples", reader.len().to_string(), samples.to_string());
-                        if !metadata.objects.contains(record) {
-                            verdict
-                                .problems
-                                .push(format!("{path:?}: its record of {:?} is not the manifest's", record.object));
-                        }
+                    Ok(samples) => {
                         verdict.shards += 1;
-                        verdict.samples += reader.len();
+                        verdict.samples += samples;
                     }
                 }
-                known.insert(path);
             }
         }
     }
+    if let Err(problem) = settings(directory, &manifest) {
+        verdict.problems.push(problem);
+    }
+    let mut surfaces = vec![];
+    files_below(&directory.join("surfaces"), &mut surfaces)?;
+    for path in &surfaces {
+        match read_surface(path) {
+            Err(error) => verdict.problems.push(error.to_string()),
+            Ok(_) => verdict.surfaces += 1,
+        }
+    }
     let mut found = vec![];
-    shards_below(&directory.join("shards"), &mut found)?;
+    files_below(&directory.join("shards"), &mut found)?;
     for path in found.into_iter().filter(|p| !known.contains(p)) {
         verdict.problems.push(format!(
             "{path:?}: not in the manifest; run the same datagen command again, it brings the manifest up to date"
@@ -77,7 +81,23 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
     Ok(verdict)
 }
 
-fn shards_below(directory: &Path, found: &mut Vec<PathBuf>) -> Result<(), FormatError> {
+/// Whether the settings that lie beside the shards are those that made them; an imported set has none.
+fn settings(directory: &Path, manifest: &Manifest) -> Result<(), String> {
+    let path = directory.join("config.toml");
+    // Settings of an older program need not be readable by this one.
+    if manifest.sha256.is_empty() || (!path.exists() && manifest.dataset == crate::history::DATASET) {
+        return Ok(());
+    }
+    formats::config::check_stored(&path).map_err(|e| e.to_string())?;
+    let config: DatagenConfig = formats::config::load(Some(&path), &[], &[]).map_err(|e| e.to_string())?;
+    let found = formats::config::hash(&config.without_places()).map_err(|e| e.to_string())?;
+    match found == manifest.config_hash {
+        true => Ok(()),
+        false => Err(format!("{path:?}: settings {found}, but the manifest says {}", manifest.config_hash)),
+    }
+}
+
+fn files_below(directory: &Path, found: &mut Vec<PathBuf>) -> Result<(), FormatError> {
     let Ok(entries) = std::fs::read_dir(directory) else { return Ok(()) };
     let mut paths = vec![];
     for entry in entries {
@@ -86,7 +106,7 @@ fn shards_below(directory: &Path, found: &mut Vec<PathBuf>) -> Result<(), Format
     paths.sort();
     for path in paths {
         if path.is_dir() {
-            shards_below(&path, found)?;
+            files_below(&path, found)?;
         } else if path.extension().is_some_and(|e| e == "safetensors") {
             found.push(path);
         }

@@ -129,6 +129,26 @@ fn same_bytes_whatever_threads_parts_kills_and_full_disks() {
     assert!(text.contains("damaged and made anew") && text.contains("train_000002"), "{text}");
     same(&whole, &home.join("threads"), "a damaged shard");
 
+    // So are a surface and settings.
+    let surface = std::fs::read_dir(home.join("threads/surfaces/procedural")).unwrap().next().unwrap().unwrap().path();
+    for (victim, word) in [(surface, "damaged"), (home.join("threads/config.toml"), "edited or damaged")] {
+        let good = std::fs::read(&victim).unwrap();
+        let mut bad = good.clone();
+        bad[good.len() / 2] ^= 1;
+        std::fs::write(&victim, &bad).unwrap();
+        let (code, text) = run(datagen(home).args(["verify", "threads"]));
+        let name = victim.file_name().unwrap().to_string_lossy();
+        assert!(code == Some(1) && text.contains(&*name) && text.contains(word), "{text}");
+        std::fs::write(&victim, &good).unwrap();
+    }
+    // A shard of another seed in the place of one of this set.
+    succeed(datagen(home).args(SMALL).args(["--seed", "9", "--out", "other"]));
+    let (from, to) = ("other/shards/procedural/train_000001", "threads/shards/procedural/train_000001");
+    let shard = |name: &str| home.join(format!("{name}.safetensors"));
+    std::fs::copy(shard(from), shard(to)).unwrap();
+    let (code, text) = run(datagen(home).args(["verify", "threads"]));
+    assert!(code == Some(1) && text.contains("train_000001") && text.contains("another set"), "{text}");
+
     // Other settings must not be mixed in.
     let (code, text) = run(datagen(home).args(SMALL).args(["--out", "whole", "--seed", "1"]));
     assert_eq!(code, Some(1), "{text}");
@@ -196,6 +216,37 @@ fn modelnet40_runs_with_no_further_flag_and_explains_itself() {
 }
 
 #[test]
+fn names_that_meet_are_objects_of_their_own() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    let block = |height: u32| {
+        format!(
+            "OFF\n8 6 0\n-1 -1 -1\n1 -1 -1\n1 2 -1\n-1 2 -1\n-1 -1 {height}\n1 -1 {height}\n1 2 {height}\n-1 2 {height}\n\
+             4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
+        )
+    };
+    std::fs::create_dir(home.join("in")).unwrap();
+    let long = format!("{}.off", "n".repeat(240));
+    for (name, height) in [("a.off", 1), ("a.OFF", 2), (long.as_str(), 3)] {
+        std::fs::write(home.join("in").join(name), block(height)).unwrap();
+    }
+    let small = ["--scans", "1", "--set", "surface_samples=2000", "--set", "candidates.num_targets=4"];
+    let command = |jobs: &'static str, out: &'static str| {
+        let mut command = datagen(home);
+        command.args(["--dataset", "folder", "--root", "in", "--jobs", jobs, "--out", out]).args(small);
+        succeed(&mut command)
+    };
+    let text = command("1", "one");
+    assert!(text.contains("3 objects") && text.contains("3 made"), "{text}");
+    command("2", "two");
+    let (one, two) = (bytes(&home.join("one")), bytes(&home.join("two")));
+    assert!(one == two, "the same bytes whatever the threads");
+    let shards: Vec<_> = one.iter().filter(|(path, _)| path.starts_with("shards")).collect();
+    assert!(shards.len() == 3 && shards[0].1 != shards[1].1, "{:?}", one.keys());
+    assert!(succeed(datagen(home).args(["verify", "one"])).contains("3 sound shards"));
+}
+
+#[test]
 fn wrong_settings_name_their_origin() {
     let home = tempfile::tempdir().unwrap();
     let home = home.path();
@@ -205,7 +256,8 @@ fn wrong_settings_name_their_origin() {
         (vec!["--set", "episode.image.widht=640"], vec!["--set", "unknown field `widht`", "`width`"]),
         (vec!["--set", "seed=true"], vec!["--set", "seed=true", "invalid type"]),
         (vec!["--dataset", "modelnet10"], vec!["--dataset", "unknown variant `modelnet10`", "modelnet40"]),
-        (vec!["--distance", "0"], vec!["episode.working_distance_m = 0", "above 0"]),
+        (vec!["--set", "episode.working_distance_m=0"], vec!["episode.working_distance_m = 0", "above 0"]),
+        (vec!["--set", "surface_samples=1000000000000"], vec!["surface_samples = 1000000000000", "10,000,000"]),
         (vec!["--list", "none.txt", "--dataset", "folder", "--root", "."], vec!["\".\""]),
         (vec!["--part", "3/2"], vec!["--part 3/2", "0 to 1"]),
         (vec!["verify", "nowhere"], vec!["nowhere/manifest.json", "cannot read"]),
@@ -216,7 +268,16 @@ fn wrong_settings_name_their_origin() {
             assert!(text.contains(word), "{arguments:?}: {word:?} is missing in {text}");
         }
     }
-    assert_eq!(run(datagen(home).arg("--no-such-flag")).0, Some(2), "wrong usage");
+    for (arguments, word) in [
+        (vec!["--no-such-flag"], "unexpected argument"),
+        (vec!["--distance", "-1"], "length above 0"),
+        (vec!["--distance", "0"], "length above 0"),
+        (vec!["--list-objects", "--out", "x"], "cannot be used with"),
+    ] {
+        let (code, text) = run(datagen(home).args(&arguments));
+        assert!(code == Some(2) && text.contains(word), "{arguments:?}: {text}");
+    }
+    assert!(!home.join("runs").exists() && !home.join("x").exists(), "nothing is made by a start that fails");
 }
 
 #[test]

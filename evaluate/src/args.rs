@@ -3,17 +3,15 @@
 use clap::Parser;
 use evaluate::config::{EvaluateConfig, PaperConfig};
 use formats::config::{ConfigError, Flag};
-use formats::program::CommonArgs;
+use formats::program::{CommonArgs, EXIT_CODES, length};
 use std::path::PathBuf;
 
 /// Runs next-best-view policies on simulated objects and reports the paper's metrics with confidence intervals.
 ///
 /// A run can be stopped at any moment and goes on with the same command. Example:
 ///   evaluate --dataset repository3d --root data/repository3d --policies benbv,see,farthest --out runs/eval/first
-///
-/// Exit codes: 0 done, 1 error, 2 wrong usage, 130 stopped.
 #[derive(Parser)]
-#[command(version, verbatim_doc_comment)]
+#[command(version = built::VERSION, verbatim_doc_comment, after_help = EXIT_CODES)]
 pub struct Args {
     /// Set of objects: repository3d, folder, modelnet40, shapenet, procedural, or recorded scans: sequences
     #[arg(long)]
@@ -40,16 +38,19 @@ pub struct Args {
     #[arg(long, value_parser = ["paper"])]
     pub preset: Option<String>,
     /// Distance from target to camera, metres [default: 1.2]
-    #[arg(long)]
+    #[arg(long, value_name = "METRES", value_parser = length)]
     pub distance: Option<f64>,
     /// Policy that the others are compared with [default: benbv]
     #[arg(long)]
     pub baseline: Option<String>,
     /// Compare result directories, the first being the reference, instead of running anything
-    #[arg(long, num_args = 2.., value_name = "DIR")]
+    #[arg(long, num_args = 2.., value_name = "DIR", conflicts_with_all = [
+        "dataset", "root", "only", "objects", "policies", "episodes", "preset", "distance", "list_policies", "json", "config",
+        "set", "seed", "jobs",
+    ])]
     pub compare: Vec<PathBuf>,
     /// List the policies
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["dataset", "root", "only", "objects", "policies", "episodes", "distance", "out", "json"])]
     pub list_policies: bool,
     /// Print the rows of the tables as JSON
     #[arg(long)]
@@ -86,7 +87,8 @@ mod tests {
     #[test]
     fn the_command_line_is_well_formed() {
         Args::command().debug_assert();
-        let args = Args::parse_from(["evaluate", "--seed", "9007199254740993", "--episodes", "3", "--preset", "paper"]);
+        let args = ["evaluate", "--seed", "9007199254740993", "--episodes", "3", "--preset", "paper"];
+        let args: Args = formats::program::parse_from(args.map(Into::into)).expect("good");
         let config = args.settings().expect("settings");
         assert_eq!((config.seed, config.episodes, config.never), (9_007_199_254_740_993, 3, 16));
     }

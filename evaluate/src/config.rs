@@ -2,7 +2,9 @@
 
 use crate::policies::see::SeeConfig;
 use datagen::EpisodeConfig;
+use datagen::config::check_counts;
 use datagen::dataset::{DatasetConfig, DatasetName};
+use formats::config::SettingError;
 use planning::{CandidateConfig, VolumetricConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -143,6 +145,25 @@ impl EvaluateConfig {
         }
     }
 
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// The key, what was found, and what was expected.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        if !(self.diagonal_m > 0.0 && self.diagonal_m.is_finite()) {
+            return Err(SettingError::new("diagonal_m", self.diagonal_m, "a length above 0"));
+        }
+        self.episode.validate()?;
+        check_counts(&[
+            ("episodes", self.episodes),
+            ("surface_samples", self.surface_samples),
+            ("never", self.never),
+            ("resamples", self.resamples),
+            ("candidates.num_targets", self.candidates.num_targets),
+            ("table.views", self.table.as_ref().map_or(1, |table| table.views)),
+        ])
+    }
+
     /// Hash of what outcomes depend on: everything but which policies and episodes are run and how they are reported.
     pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
         let Self { policies, baseline, episodes, never, resamples, only, .. } = Self::default();
@@ -171,6 +192,8 @@ mod tests {
             let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join(path);
             formats::config::load::<EvaluateConfig>(Some(&file), &[], &[]).unwrap_or_else(|e| panic!("{path}: {e}"))
         };
+        EvaluateConfig::default().validate().expect("defaults are valid");
+        EvaluateConfig::paper().validate().expect("the publication's are valid");
         assert_eq!(load("evaluate.toml"), EvaluateConfig::default());
         assert_eq!(load("paper/evaluate.toml"), EvaluateConfig::paper());
     }

@@ -1,8 +1,10 @@
 //! The file in which a run keeps what it has done, so that it can be stopped at any moment and go on.
 
 use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
+use formats::config::digest;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -25,8 +27,8 @@ pub enum JournalError {
         /// Why not.
         source: std::io::Error,
     },
-    /// A line in the middle is no record.
-    #[error("{path:?}, line {line}: {message}; expected a record of this program. Remove the file to start anew")]
+    /// A line in the middle is no record, or not the one that was written.
+    #[error("{path:?}, line {line}: {message}; delete this line, and the same command runs again what it held")]
     Line {
         /// The file.
         path: PathBuf,
@@ -122,12 +124,15 @@ impl Journal {
         std::fs::create_dir_all(directory).map_err(io("make the directory of"))?;
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io("open"))?;
-        let mut text = String::new();
-        file.read_to_string(&mut text).map_err(io("read"))?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(io("read"))?;
+        // Bytes that are no text make a line whose checksum says so.
+        let text = String::from_utf8_lossy(&bytes);
         let whole = text.rfind('\n').map_or(0, |i| i + 1);
-        file.set_len(whole as u64).map_err(io("shorten"))?;
-        file.seek(SeekFrom::End(0)).map_err(io("seek in"))?;
         let contents = parse(&path, &text[..whole], Some(settings))?;
+        let end = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |i| i + 1);
+        file.set_len(end as u64).map_err(io("shorten"))?;
+        file.seek(SeekFrom::End(0)).map_err(io("seek in"))?;
         let journal = Self { path, file: Mutex::new(file) };
         if whole == 0 {
             journal.append(&Entry::Settings(settings.to_owned()))?;
@@ -140,7 +145,7 @@ impl Journal {
         let fail = |source: std::io::Error| JournalError::Io { path: self.path.clone(), action: "write", source };
         let mut value = serde_json::to_value(entry).map_err(|e| fail(e.into()))?;
         spell_out(&mut value);
-        let line = format!("{value}\n");
+        let line = format!("{}\n", sealed(&value.to_string()));
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         file.write_all(line.as_bytes()).and_then(|()| file.sync_data()).map_err(fail)
     }
@@ -149,11 +154,12 @@ impl Journal {
 /// What the journal of a finished or unfinished run holds.
 pub fn read(directory: &Path) -> Result<Contents, JournalError> {
     let path = directory.join(JOURNAL);
-    let text = std::fs::read_to_string(&path).map_err(|source| JournalError::Io {
+    let bytes = std::fs::read(&path).map_err(|source| JournalError::Io {
         path: path.clone(),
         action: "read (is it a folder of `evaluate`?)",
         source,
     })?;
+    let text = String::from_utf8_lossy(&bytes);
     let whole = text.rfind('\n').map_or(0, |i| i + 1);
     parse(&path, &text[..whole], None)
 }
@@ -185,19 +191,40 @@ fn read_back(value: &mut Value) {
     }
 }
 
+/// What begins a line: 16 hexadecimal digits of the SHA-256 of the JSON object that they are put into follow.
+const SUM: &str = "{\"sum\":\"";
+
+/// The object with its own checksum as its first entry.
+fn sealed(object: &str) -> String {
+    format!("{SUM}{}\",{}", digest(object.as_bytes()), object.trim_start_matches('{'))
+}
+
+/// The object in a sealed line; of older programs' lines, the line.
+fn opened(line: &str) -> Result<Cow<'_, str>, String> {
+    let Some(rest) = line.strip_prefix(SUM) else { return Ok(line.into()) };
+    let (expected, object) = rest.split_once("\",").unwrap_or((rest, ""));
+    let object = format!("{{{object}");
+    let found = digest(object.as_bytes());
+    match found == expected {
+        true => Ok(object.into()),
+        false => Err(format!("damaged: its checksum is {found}, but it says {expected}")),
+    }
+}
+
 fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, JournalError> {
     let mut contents = Contents::default();
+    let unsealed = text.lines().filter(|line| !line.starts_with(SUM)).count();
+    if unsealed > 0 {
+        tracing::warn!("{path:?}: {unsealed} lines of an older program have no checksum: damage would not be seen");
+    }
     for (i, line) in text.lines().enumerate() {
         let read = |line| {
-            let mut value = serde_json::from_str(line)?;
+            let mut value = serde_json::from_str(&opened(line)?).map_err(|e| e.to_string())?;
             read_back(&mut value);
-            serde_json::from_value(value)
+            serde_json::from_value(value).map_err(|e| e.to_string())
         };
-        let entry: Entry = read(line).map_err(|e: serde_json::Error| JournalError::Line {
-            path: path.to_owned(),
-            line: i + 1,
-            message: e.to_string(),
-        })?;
+        let entry: Entry =
+            read(line).map_err(|message| JournalError::Line { path: path.to_owned(), line: i + 1, message })?;
         match entry {
             Entry::Settings(found) => {
                 if let Some(expected) = settings
@@ -255,5 +282,36 @@ mod tests {
         assert!(error.contains("other settings") && error.contains("--out"), "{error}");
         std::fs::write(&path, "{}\n").expect("writable");
         assert!(read(dir.path()).expect_err("refused").to_string().contains("line 1"));
+    }
+
+    #[test]
+    fn every_flipped_bit_of_a_journal_is_noticed() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let (journal, _) = Journal::open(dir.path(), "h1").expect("new");
+        (0..4).for_each(|i| journal.append(&entry(i)).expect("written"));
+        drop(journal);
+        let path = dir.path().join(JOURNAL);
+        let good = std::fs::read(&path).expect("readable");
+        let whole = read(dir.path()).expect("readable").episodes;
+        let mut rng = geometry::rng::stream(2, "test/flips");
+        for _ in 0..200 {
+            let (byte, bit) =
+                (rand::RngExt::random_range(&mut rng, 0..good.len()), rand::RngExt::random_range(&mut rng, 0..8));
+            let mut bad = good.clone();
+            bad[byte] ^= 1 << bit;
+            std::fs::write(&path, &bad).expect("writable");
+            match Journal::open(dir.path(), "h1") {
+                Err(error) => assert!(error.to_string().contains("line "), "{error}"),
+                // The end of the last line: it counts as cut off, and its episode is run again.
+                Ok((_, contents)) => {
+                    assert_eq!(byte, good.len() - 1, "bit {bit} of byte {byte} was not noticed");
+                    assert_eq!(contents.episodes, whole[..3]);
+                }
+            }
+        }
+        let older: String =
+            String::from_utf8(good).expect("text").lines().map(|l| opened(l).expect("sound") + "\n").collect();
+        std::fs::write(&path, older).expect("writable");
+        assert_eq!(read(dir.path()).expect("of an older program").episodes, whole);
     }
 }

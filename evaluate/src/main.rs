@@ -4,7 +4,6 @@ mod args;
 
 use anyhow::{Context, bail};
 use args::Args;
-use clap::Parser;
 use datagen::dataset::DatasetName;
 use evaluate::batches::{self, Watch};
 use evaluate::config::EvaluateConfig;
@@ -14,6 +13,7 @@ use evaluate::objects::{self, ObjectError};
 use evaluate::policies::{PAPER_POLICIES, POLICIES, Policy, RECORDED_POLICIES, check, weights_of};
 use evaluate::record::EpisodeKey;
 use evaluate::report::{self, compare, tables::Rows};
+use formats::lock::{LOCK, try_lock};
 use formats::program;
 use formats::run::{RunDir, atomic_write};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -22,7 +22,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let args = Args::parse();
+    let args: Args = program::parse();
     args.common.start_messages(["warn", "info", "debug"]);
     program::finish(run(&args))
 }
@@ -43,12 +43,14 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if config.episodes == 0 {
         bail!("--episodes 0: found no episode to run, expected at least 1");
     }
+    config.validate()?;
     let _: Policy = config.baseline.parse().context("baseline")?;
     args.common.start_threads()?;
     let networks = Networks::new(&config);
     let policies = policies(&config, args.preset.is_some(), &networks)?;
     let names: Vec<String> = policies.iter().map(Policy::to_string).collect();
     let sources = objects::list(&config)?;
+    let _lock = try_lock(&args.out, LOCK, "evaluate")?;
     let (journal, mut contents) = Journal::open(&args.out, &config.outcome_hash()?)?;
     for policy in &policies {
         let weights = weights_of(policy, &config, &networks);
@@ -57,7 +59,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
             eprintln!("{policy}: {outdated} episodes were run with other weights, and are run again");
         }
     }
-    let mut directory = RunDir::create(&args.out, "evaluate", &config)?;
+    let mut directory = RunDir::create(&args.out, "evaluate", built::COMMIT, &config)?;
     let stop = program::stop_when_asked("stopping after the episodes in hand; once more to stop at once")?;
 
     let total = sources.len() * policies.len() * config.episodes;

@@ -20,10 +20,10 @@ pub enum WeightsError {
     /// The checkpoint of `pc-nbv` is missing or unfit.
     #[error(transparent)]
     PcNbv(#[from] PcNbvError),
-    /// None are configured, and none come with the source.
+    /// None are configured, and none are found.
     #[error(
-        "found no weights/pc-nbv here nor beside the source; train some (train --network pc-nbv) and give --set \
-         weights.pc_nbv=DIR"
+        "found no weights/pc-nbv in the working directory, nor in a folder above the program; they come with the source, or \
+         train some (train --network pc-nbv) and give --set weights.pc_nbv=DIR"
     )]
     NoPcNbv,
 }
@@ -105,11 +105,13 @@ fn digest_in(directory: &Path) -> String {
     digest(&std::fs::read(directory.join(model::checkpoint::WEIGHTS)).unwrap_or_default())
 }
 
-/// The configured checkpoint, or the one that comes with the source.
+/// The configured checkpoint, or the one that comes with the source: in the working directory, or in a folder above the
+/// program itself, wherever that was copied to.
 fn pc_nbv_directory(configured: &Path) -> Result<PathBuf, WeightsError> {
     if !configured.as_os_str().is_empty() {
         return Ok(configured.to_owned());
     }
-    let folders = [PathBuf::from("weights"), Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights")];
-    folders.iter().map(|folder| folder.join("pc-nbv")).find(|d| d.exists()).ok_or(WeightsError::NoPcNbv)
+    let program = std::env::current_exe().unwrap_or_default();
+    let folders = std::iter::once(Path::new(".")).chain(program.ancestors().skip(1));
+    folders.map(|folder| folder.join("weights/pc-nbv")).find(|d| d.exists()).ok_or(WeightsError::NoPcNbv)
 }

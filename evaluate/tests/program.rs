@@ -42,6 +42,12 @@ fn wrong_use_is_found_before_any_work() {
     refused(&["--policies", "volumetric:learned"], "learn_forecasts", 1);
     refused(&["--seed", "18446744073709551615"], "9223372036854775807", 2);
     refused(&["--jobs", "1000000"], "per core", 2);
+    refused(&["--distance", "-1"], "length above 0", 2);
+    refused(&["--set", "surface_samples=1000000000000"], "surface_samples = 1000000000000", 1);
+    refused(&["--compare", "a", "b", "--episodes", "3"], "cannot be used with", 2);
+    refused(&["--set", "weights.benbv_net=no/such", "--policies", "benbv-net"], "no/such", 1);
+    let (_, _, message) = run(directory.path(), &["--config", "none.toml"]);
+    assert_eq!(message.matches("No such file").count(), 1, "every cause once: {message}");
 }
 
 #[test]
@@ -57,6 +63,12 @@ fn a_run_without_usable_objects_fails_and_a_run_prints_typed_rows() {
     assert!(code == Some(1) && message.contains("none of 1 objects") && message.contains("broken: "), "{message}");
 
     std::fs::remove_dir_all(directory.path().join("out")).expect("removed");
+    let out = directory.path().join("out");
+    let held = formats::lock::try_lock(&out, formats::lock::LOCK, "another run").expect("free");
+    let (code, _, message) = run(directory.path(), &all(&["--dataset", "procedural", "--objects", "1"]));
+    assert!(code == Some(1) && message.contains("\"out\" is in use") && message.contains("another run"), "{message}");
+    assert!(!out.join("journal.jsonl").exists(), "the other run's files are left alone");
+    drop(held);
     let (code, json, message) = run(directory.path(), &all(&["--json", "--dataset", "procedural", "--objects", "1"]));
     assert_eq!(code, Some(0), "{message}");
     let rows: serde_json::Value = serde_json::from_str(&json).expect("JSON");

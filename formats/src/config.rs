@@ -1,9 +1,9 @@
 //! Settings in layers: defaults in code, then a TOML file, then `--set key=value`, then flags. An unknown key
 //! or a wrong type is an error that names the layer it came from.
 
+use crate::checksum;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -26,6 +26,9 @@ pub enum ConfigError {
         /// What is wrong, with the key and what was expected.
         message: String,
     },
+    /// The settings of a run are not those that it was started with.
+    #[error(transparent)]
+    Stored(#[from] crate::FormatError),
     /// The settings cannot be written as TOML.
     #[error("settings cannot be written as TOML: {0}")]
     Serialize(#[from] toml::ser::Error),
@@ -122,6 +125,39 @@ pub fn to_toml<T: Serialize>(config: &T) -> Result<String, ConfigError> {
     Ok(toml::to_string_pretty(&Table::try_from(config)?)?)
 }
 
+/// What stands before the digits of the checksum in the settings of a run.
+const CHECKSUM: &[u8] = b"\n# sha256 = \"";
+
+/// The settings of a run as its directory keeps them: [`to_toml`] with a checksum at its end.
+///
+/// # Errors
+/// As [`to_toml`].
+pub fn to_stored<T: Serialize>(config: &T) -> Result<Vec<u8>, ConfigError> {
+    let mut text = to_toml(config)?;
+    text.push_str("\n# Of this file; to change a setting, give --set or a changed copy as --config.");
+    text.push_str(&String::from_utf8_lossy(CHECKSUM));
+    text.push_str(checksum::UNKNOWN);
+    text.push_str("\"\n");
+    let mut bytes = text.into_bytes();
+    checksum::seal(&mut bytes, CHECKSUM);
+    Ok(bytes)
+}
+
+/// Holds the settings that a run's directory keeps against their checksum; older programs wrote none.
+///
+/// # Errors
+/// A file that cannot be read, was damaged, or edited.
+pub fn check_stored(path: &Path) -> Result<(), ConfigError> {
+    let bytes = std::fs::read(path).map_err(|source| ConfigError::Io { path: path.to_owned(), source })?;
+    if !bytes.windows(CHECKSUM.len()).any(|window| window == CHECKSUM) {
+        tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would not be seen");
+        return Ok(());
+    }
+    const WAY_OUT: &str =
+        "it was edited or damaged; put the file of the run's start back, and change settings by flags or --set";
+    Ok(checksum::check(path, &bytes, CHECKSUM, WAY_OUT)?)
+}
+
 /// First 16 hexadecimal digits of the SHA-256 of the settings' TOML text.
 ///
 /// # Errors
@@ -132,7 +168,7 @@ pub fn hash<T: Serialize>(config: &T) -> Result<String, ConfigError> {
 
 /// First 16 hexadecimal digits of the SHA-256 of these bytes.
 pub fn digest(bytes: &[u8]) -> String {
-    crate::run::hex(&Sha256::digest(bytes)[..8])
+    checksum::sha256(bytes)[..16].to_owned()
 }
 
 fn layer_error(origin: String, error: &toml::de::Error) -> ConfigError {
@@ -237,6 +273,24 @@ mod tests {
         std::fs::write(&file, "seed = 3\n[camera]\nwide = 10\n").unwrap();
         let text = message(load(Some(&file), &[], &[]));
         assert!(text.contains("bad.toml") && text.contains("line 3") && text.contains("wide"), "{text}");
+    }
+
+    #[test]
+    fn stored_settings_know_when_they_were_changed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("config.toml");
+        let config = Config { seed: 8, name: "a name".into(), ..Config::default() };
+        let good = to_stored(&config).unwrap();
+        checksum::tests::every_flip_is_noticed(&good, 200, |bad| {
+            std::fs::write(&path, bad).unwrap();
+            let marked = bad.windows(CHECKSUM.len()).any(|window| window == CHECKSUM);
+            let read = load::<Config>(Some(&path), &[], &[]).map_err(|e| e.to_string())?;
+            match marked {
+                true => check_stored(&path).map_err(|e| e.to_string()),
+                // The mark itself was hit: said as a warning, and the settings are sound.
+                false => Err(format!("warned, {}", if read == config { "and sound" } else { panic!("{read:?}") })),
+            }
+        });
     }
 
     #[test]

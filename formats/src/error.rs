@@ -112,9 +112,7 @@ pub enum FormatError {
         expected: &'static str,
     },
     /// The bytes are not those that were written.
-    #[error(
-        "{path:?}: damaged: found SHA-256 {found}, expected {expected}; delete the file and run the same datagen command again, it makes what is missing"
-    )]
+    #[error("{path:?}: damaged: found SHA-256 {found}, expected {expected}; {way_out}")]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -122,6 +120,14 @@ pub enum FormatError {
         found: String,
         /// Checksum that was recorded.
         expected: String,
+        /// What to do.
+        way_out: &'static str,
+    },
+    /// Another file stands where one was checked and opened.
+    #[error("{path:?}: it was changed while it was in use; start again once nobody writes there")]
+    Changed {
+        /// The file.
+        path: PathBuf,
     },
     /// Written by a version of the format that this program does not know.
     #[error("{path:?}: schema version {found}, expected {expected}")]
@@ -134,6 +140,9 @@ pub enum FormatError {
         expected: u32,
     },
 }
+
+/// The way out of damage in a set of training samples.
+pub const REMAKE: &str = "delete the file and run the same datagen command again, it makes what is missing";
 
 impl FormatError {
     /// An error of the operating system.
@@ -162,6 +171,7 @@ impl FormatError {
             | Self::Index { path, .. }
             | Self::Empty { path, .. }
             | Self::Damaged { path, .. }
+            | Self::Changed { path }
             | Self::Version { path, .. } => path,
         }
     }

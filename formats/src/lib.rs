@@ -4,12 +4,14 @@
 //! Readers take files that others made: every error names the file, the place in it, what was found and what
 //! was expected. No reader allocates more than the size of its file warrants, whatever a header claims.
 
+pub mod checksum;
 pub mod cloud;
 pub mod config;
 pub mod depth;
 pub mod error;
 pub mod frame_history;
 pub mod html;
+pub mod lock;
 pub mod manifest;
 pub mod mesh;
 pub mod ply;

@@ -1,13 +1,16 @@
 //! What became of every object of a set; `manifest.json` beside the shards.
 
-use crate::error::Place;
+use crate::error::{Place, REMAKE};
 use crate::run::atomic_write;
-use crate::{FormatError, ShardReader};
+use crate::{FormatError, ShardReader, checksum};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Name of the manifest in the directory of a set.
 pub const MANIFEST: &str = "manifest.json";
+
+/// What stands before the digits of its checksum.
+const CHECKSUM: &[u8] = b"\"sha256\": \"";
 
 /// What an object's samples are for. Objects, never samples, are split.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -68,6 +71,9 @@ pub struct ObjectRecord {
 pub struct Manifest {
     /// [`crate::shard::SCHEMA_VERSION`] of the shards.
     pub schema_version: u32,
+    /// Checksum of the file ([`crate::checksum`]); filled in by [`Manifest::write`]. Absent in sets of older programs.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub sha256: String,
     /// Name of the data set, e.g. `modelnet40`.
     pub dataset: String,
     /// [`crate::config::hash`] of the settings.
@@ -87,10 +93,16 @@ impl Manifest {
     /// No such file, or one that is no manifest.
     pub fn read(directory: &Path) -> Result<Self, FormatError> {
         let path = directory.join(MANIFEST);
-        let text = std::fs::read_to_string(&path).map_err(|e| FormatError::io(&path, "read", e))?;
-        serde_json::from_str(&text).map_err(|e| {
+        let bytes = std::fs::read(&path).map_err(|e| FormatError::io(&path, "read", e))?;
+        let manifest: Self = serde_json::from_slice(&bytes).map_err(|e| {
             FormatError::syntax(&path, Place::Line(e.line()), e.to_string(), "a manifest as datagen writes it")
-        })
+        })?;
+        if manifest.sha256.is_empty() {
+            tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would not be seen");
+        } else {
+            checksum::check(&path, &bytes, CHECKSUM, REMAKE)?;
+        }
+        Ok(manifest)
     }
 
     /// Writes `manifest.json` of a set, whole or not at all.
@@ -99,10 +111,12 @@ impl Manifest {
     /// What the operating system refuses.
     pub fn write(&self, directory: &Path) -> Result<(), FormatError> {
         let path = directory.join(MANIFEST);
-        let mut text = serde_json::to_string_pretty(self)
+        let manifest = Self { sha256: checksum::UNKNOWN.to_owned(), ..self.clone() };
+        let mut bytes = serde_json::to_vec_pretty(&manifest)
             .map_err(|e| FormatError::syntax(&path, Place::File, e.to_string(), "what JSON can say"))?;
-        text.push('\n');
-        atomic_write(&path, text.as_bytes())
+        bytes.push(b'\n');
+        checksum::seal(&mut bytes, CHECKSUM);
+        atomic_write(&path, &bytes)
     }
 
     /// Number of samples in all shards.
@@ -110,20 +124,74 @@ impl Manifest {
         self.objects.iter().map(|o| if let Fate::Done { samples, .. } = o.fate { samples } else { 0 }).sum()
     }
 
-    /// Paths of the shards of a split, in the order of the work list.
-    pub fn shards(&self, directory: &Path, split: Split) -> Vec<PathBuf> {
-        let of = |o: &ObjectRecord| match &o.fate {
-            Fate::Done { shard, .. } if o.split == split => Some(directory.join(shard)),
-            _ => None,
-        };
-        self.objects.iter().filter_map(of).collect()
-    }
-
-    /// Opens the shards of a split.
+    /// Opens the shard of one of the manifest's objects, and holds it against the manifest: the same settings, seed, number
+    /// of samples and record. `None` where the object has no shard.
     ///
     /// # Errors
-    /// The first shard that cannot be opened.
-    pub fn open(&self, directory: &Path, split: Split) -> Result<Vec<ShardReader>, FormatError> {
-        self.shards(directory, split).iter().map(|p| ShardReader::open(p)).collect()
+    /// A shard that cannot be read, is damaged, or belongs to another set.
+    pub fn open(&self, directory: &Path, record: &ObjectRecord) -> Result<Option<ShardReader>, FormatError> {
+        let Fate::Done { shard, samples, .. } = &record.fate else { return Ok(None) };
+        let reader = ShardReader::open(&directory.join(shard))?;
+        let metadata = reader.metadata();
+        let differs = |what: &str, found: String, expected: String| {
+            let place = Place::Part(what.to_owned());
+            let expected = format!("{expected}, as {MANIFEST} says: the shard belongs to another set");
+            Err(FormatError::syntax(reader.path(), place, found, expected))
+        };
+        if metadata.config_hash != self.config_hash {
+            return differs("settings", metadata.config_hash.clone(), self.config_hash.clone());
+        }
+        if metadata.seed != self.seed {
+            return differs("seed", metadata.seed.to_string(), self.seed.to_string());
+        }
+        if reader.len() != *samples {
+            return differs("number of samples", reader.len().to_string(), samples.to_string());
+        }
+        if !metadata.objects.contains(record) {
+            return differs("record", "another one".to_owned(), format!("that of {:?}", record.object));
+        }
+        Ok(Some(reader))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flipped_bit_of_a_manifest_is_noticed() {
+        let home = tempfile::tempdir().unwrap();
+        let object = |i: usize| ObjectRecord {
+            object: format!("chair/chair_{i:04}"),
+            category: "chair".to_owned(),
+            split: Split::Train,
+            fate: Fate::Done {
+                shard: format!("shards/chair/chair_{i:04}.safetensors"),
+                samples: 3,
+                coverage: vec![0.25, 0.5],
+                overlap: vec![0.125],
+                void_episodes: 0,
+            },
+        };
+        let manifest = Manifest {
+            schema_version: crate::shard::SCHEMA_VERSION,
+            sha256: String::new(),
+            dataset: "folder".to_owned(),
+            config_hash: "abc".to_owned(),
+            seed: 4,
+            commit: "c0ffee".to_owned(),
+            objects: (0..3).map(object).collect(),
+        };
+        manifest.write(home.path()).unwrap();
+        let path = home.path().join(MANIFEST);
+        let good = std::fs::read(&path).unwrap();
+        checksum::tests::every_flip_is_noticed(&good, 200, |bad| {
+            std::fs::write(&path, bad).unwrap();
+            Manifest::read(home.path()).map(drop).map_err(|e| e.to_string())
+        });
+        let text = String::from_utf8(good).unwrap();
+        let older: String = text.lines().filter(|l| !l.contains("sha256")).collect();
+        std::fs::write(&path, older).unwrap();
+        assert_eq!(Manifest::read(home.path()).expect("of an older program"), manifest);
     }
 }

@@ -1,11 +1,14 @@
 //! What the programs share: flags, messages, threads, printing, stopping and exit codes.
 
 use crate::config::{ConfigError, Flag};
-use clap::Args;
+use clap::error::ErrorKind;
+use clap::{Args, Command, Parser};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::error::Error;
+use std::ffi::OsString;
 use std::fmt::Display;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,6 +16,10 @@ use tracing_subscriber::EnvFilter;
 
 /// The exit code of a run that was asked to stop and can go on.
 pub const STOPPED: u8 = 130;
+
+/// What the exit codes mean, in every program; the end of every `--help`.
+pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 an error, said in one line; 2 a command line that cannot be meant; \
+                              3 no view is left (infer); 130 stopped by Ctrl-C or SIGTERM, to be gone on with.";
 
 /// Threads per core that `--jobs` may ask for.
 const JOBS_PER_CORE: usize = 4;
@@ -115,6 +122,12 @@ pub enum FlagError {
     /// Not a seed.
     #[error("expected a whole number from 0 to {max}", max = i64::MAX)]
     Seed,
+    /// Not a length.
+    #[error("expected a length above 0, in metres")]
+    Length,
+    /// Not a share.
+    #[error("expected a share from 0 to 1")]
+    Share,
     /// Not a number of threads.
     #[error(
         "expected a number of threads from 1 to {most}, {JOBS_PER_CORE} per core of this machine, or 0 for one per core"
@@ -160,22 +173,80 @@ pub fn print_line(text: impl Display) -> Result<(), ProgramError> {
 
 fn print_to(out: &mut impl Write, text: impl Display) -> Result<(), ProgramError> {
     match write!(out, "{text}").and_then(|()| out.flush()) {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e.into()),
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(e.into()),
         _ => Ok(()),
     }
 }
 
 /// A line on stderr; where that is closed, none.
 pub fn complain(kind: &str, message: &dyn Display) {
-    let _ = writeln!(std::io::stderr(), "{kind}: {message:#}");
+    let _ = writeln!(std::io::stderr(), "{kind}: {message}");
 }
 
-/// The exit code of a program: its own, or 1 and the one line that says why.
-pub fn finish<E: Display>(result: Result<ExitCode, E>) -> ExitCode {
+/// The exit code of a program: its own, or 1 and the message that says why.
+pub fn finish<E: Into<Box<dyn Error + Send + Sync>>>(result: Result<ExitCode, E>) -> ExitCode {
     result.unwrap_or_else(|error| {
-        complain("error", &error);
+        complain("error", &with_causes(&*error.into()));
         ExitCode::FAILURE
     })
+}
+
+/// An error with its causes, each said once: most errors say their cause themselves.
+pub fn with_causes(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut next = error.source();
+    while let Some(cause) = next {
+        let words = cause.to_string();
+        if !text.contains(&words) {
+            text.push_str(": ");
+            text.push_str(&words);
+        }
+        next = cause.source();
+    }
+    text
+}
+
+/// Reads the command line of this process; what cannot be meant ends it with code 2.
+pub fn parse<C: Parser>() -> C {
+    parse_from(std::env::args_os()).unwrap_or_else(|error| error.exit())
+}
+
+/// Reads a command line. A number below zero is taken as the value of its flag, whose check says what is wrong with it.
+///
+/// # Errors
+/// A command line that cannot be meant.
+pub fn parse_from<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<C, clap::Error> {
+    fn with_numbers(command: Command) -> Command {
+        let command = command.mut_args(|arg| match arg.get_action().takes_values() {
+            true => arg.allow_negative_numbers(true),
+            false => arg,
+        });
+        command.mut_subcommands(with_numbers)
+    }
+    let mut command = with_numbers(C::command());
+    let matches = command.try_get_matches_from_mut(words)?;
+    C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+/// Ends the program with code 2, as the parser of the command line does: for flags whose sense depends on settings.
+pub fn misuse<C: Parser>(message: &str) -> ! {
+    C::command().error(ErrorKind::ArgumentConflict, message).exit()
+}
+
+/// Reads a length in metres.
+///
+/// # Errors
+/// Anything else than a finite number above 0.
+pub fn length(text: &str) -> Result<f64, FlagError> {
+    text.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite()).ok_or(FlagError::Length)
+}
+
+/// Reads a share.
+///
+/// # Errors
+/// Anything else than a number from 0 to 1.
+pub fn share(text: &str) -> Result<f64, FlagError> {
+    text.parse().ok().filter(|x| (0.0..=1.0).contains(x)).ok_or(FlagError::Share)
 }
 
 /// Becomes true when the program is asked to stop (Ctrl-C, SIGTERM); `message` says what happens next. Asked a second
@@ -203,11 +274,44 @@ mod tests {
     struct Cli {
         #[command(flatten)]
         common: CommonArgs,
+        #[arg(long, value_parser = length)]
+        distance: Option<f64>,
+        #[arg(long, value_parser = share)]
+        below: Option<f64>,
     }
 
     fn parse(words: &[&str]) -> Result<CommonArgs, String> {
-        let cli = Cli::try_parse_from(std::iter::once("program").chain(words.iter().copied()));
+        let cli = parse_from::<Cli>(std::iter::once("program").chain(words.iter().copied()).map(OsString::from));
         cli.map(|cli| cli.common).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_values_and_their_check_says_so() {
+        for (words, expected) in [
+            (["--distance", "-1"], "length above 0"),
+            (["--distance", "-1e-3"], "length above 0"),
+            (["--distance", "nan"], "length above 0"),
+            (["--below", "2"], "share from 0 to 1"),
+            (["--below", "-0.5"], "share from 0 to 1"),
+            (["--seed", "-1"], "whole number"),
+        ] {
+            let message = parse(&words).expect_err(words[1]);
+            assert!(message.contains(words[0]) && message.contains(expected), "{message}");
+        }
+        assert!(parse(&["--distance", "0.4", "--below", "0.01"]).is_ok());
+        assert!(parse(&["-1"]).is_err(), "a number without its flag");
+    }
+
+    #[test]
+    fn every_cause_is_said_once() {
+        let missing = std::fs::read("no/such/file").expect_err("no such file");
+        let config = ConfigError::Io { path: "a.toml".into(), source: missing };
+        let said = "cannot read configuration \"a.toml\": No such file or directory (os error 2)";
+        assert_eq!(with_causes(&config), said);
+        #[derive(Debug, thiserror::Error)]
+        #[error("--config")]
+        struct Context(#[source] ConfigError);
+        assert_eq!(with_causes(&Context(config)), format!("--config: {said}"));
     }
 
     #[test]
@@ -240,7 +344,7 @@ mod tests {
 
     #[test]
     fn a_closed_pipe_is_no_error_and_a_full_disk_is() {
-        struct Refuses(ErrorKind);
+        struct Refuses(std::io::ErrorKind);
         impl Write for Refuses {
             fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
                 Err(self.0.into())
@@ -249,7 +353,7 @@ mod tests {
                 Ok(())
             }
         }
-        assert!(print_to(&mut Refuses(ErrorKind::BrokenPipe), "text").is_ok());
-        assert!(print_to(&mut Refuses(ErrorKind::StorageFull), "text").is_err());
+        assert!(print_to(&mut Refuses(std::io::ErrorKind::BrokenPipe), "text").is_ok());
+        assert!(print_to(&mut Refuses(std::io::ErrorKind::StorageFull), "text").is_err());
     }
 }

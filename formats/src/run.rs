@@ -32,8 +32,7 @@ pub fn atomic_write_with(
             use std::os::unix::fs::PermissionsExt;
             builder.permissions(std::fs::Permissions::from_mode(0o666)) // the umask takes its share
         };
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let temporary = builder.prefix(&format!(".{name}.")).suffix(TEMPORARY).tempfile_in(parent)?;
+        let temporary = builder.prefix(&temporary_prefix(path)).suffix(TEMPORARY).tempfile_in(parent)?;
         let mut buffered = BufWriter::with_capacity(1 << 20, temporary.as_file());
         write(&mut buffered)?;
         buffered.flush()?;
@@ -50,13 +49,22 @@ pub const TEMPORARY: &str = ".tmp";
 
 /// Removes the temporary siblings of `path` that a killed process left behind.
 pub fn remove_temporaries(path: &Path) {
-    let prefix = format!(".{}.", path.file_name().unwrap_or_default().to_string_lossy());
+    let prefix = temporary_prefix(path);
     for entry in std::fs::read_dir(parent(path)).into_iter().flatten().flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
         if name.starts_with(&prefix) && name.ends_with(TEMPORARY) {
             let _ = std::fs::remove_file(entry.path());
         }
     }
+}
+
+/// What the names of the temporary siblings of `path` begin with: its own name, cut where that is so long that nothing could
+/// be added to it.
+fn temporary_prefix(path: &Path) -> String {
+    const LONGEST: usize = 200;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let end = (0..=LONGEST.min(name.len())).rev().find(|&i| name.is_char_boundary(i)).unwrap_or(0);
+    format!(".{}.", &name[..end])
 }
 
 fn parent(path: &Path) -> &Path {
@@ -73,7 +81,7 @@ pub struct Provenance {
     pub command: Vec<String>,
     /// Program and version.
     pub program: String,
-    /// Commit of the source tree, `-dirty` where it was changed, `unknown` away from it.
+    /// Commit that the program was built from.
     pub commit: String,
     /// Host name.
     pub host: String,
@@ -92,12 +100,12 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Of this process, now.
-    pub fn now(program: &str) -> Self {
+    /// Of this process, now, by a program that was built from this commit.
+    pub fn now(program: &str, commit: &str) -> Self {
         Self {
             command: std::env::args().collect(),
             program: format!("{program} {}", env!("CARGO_PKG_VERSION")),
-            commit: commit(),
+            commit: commit.to_owned(),
             host: std::fs::read_to_string("/proc/sys/kernel/hostname")
                 .map(|s| s.trim().to_owned())
                 .or_else(|_| std::env::var("HOSTNAME"))
@@ -135,8 +143,8 @@ impl RunDir {
     ///
     /// # Errors
     /// What the operating system refuses.
-    pub fn create<T: Serialize>(path: &Path, program: &str, config: &T) -> Result<Self, RunError> {
-        Self::create_part(path, program, config, "run.toml")
+    pub fn create<T: Serialize>(path: &Path, program: &str, commit: &str, config: &T) -> Result<Self, RunError> {
+        Self::create_part(path, program, commit, config, "run.toml")
     }
 
     /// [`RunDir::create`] for one of several processes that share the directory: each has a provenance file of
@@ -147,14 +155,15 @@ impl RunDir {
     pub fn create_part<T: Serialize>(
         path: &Path,
         program: &str,
+        commit: &str,
         config: &T,
         provenance_name: &str,
     ) -> Result<Self, RunError> {
-        atomic_write(&path.join("config.toml"), crate::config::to_toml(config)?.as_bytes())?;
+        atomic_write(&path.join("config.toml"), &crate::config::to_stored(config)?)?;
         let run = Self {
             path: path.to_owned(),
             provenance_name: provenance_name.to_owned(),
-            provenance: Provenance::now(program),
+            provenance: Provenance::now(program, commit),
         };
         run.write_provenance()?;
         Ok(run)
@@ -205,27 +214,6 @@ pub fn newest(base: &Path, marker: &str) -> Option<PathBuf> {
     children.chain([base.to_owned()]).filter_map(dated).max().map(|(_, p)| p)
 }
 
-/// Commit of the source tree that this program was built from, `-dirty` where tracked files were changed,
-/// `unknown` where the tree or git is gone.
-pub fn commit() -> String {
-    let git = |arguments: &[&str]| {
-        let out = std::process::Command::new("git").arg("-C").arg(env!("CARGO_MANIFEST_DIR")).args(arguments).output();
-        out.ok().filter(|o| o.status.success()).map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned())
-    };
-    match git(&["rev-parse", "--short=12", "HEAD"]) {
-        Some(head) => {
-            let changed = git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
-            if changed { format!("{head}-dirty") } else { head }
-        }
-        None => "unknown".to_owned(),
-    }
-}
-
-/// Lower-case hexadecimal digits.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
 /// UTC time as `2026-01-31T12:00:00Z` (civil-from-days, H. Hinnant).
 pub fn utc(time: SystemTime) -> String {
     let seconds = time.duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
@@ -266,6 +254,9 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         let names: Vec<_> = std::fs::read_dir(path.parent().unwrap()).unwrap().collect();
         assert_eq!(names.len(), 1, "{names:?}");
+        let long = dir.path().join("deep/er").join("ü".repeat(127));
+        atomic_write(&long, b"a name of 254 bytes").unwrap();
+        std::fs::remove_file(&long).unwrap();
         std::fs::write(path.with_file_name(".a.bin.x1.tmp"), b"left over").unwrap();
         remove_temporaries(&path);
         assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);

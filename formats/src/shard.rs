@@ -1,4 +1,4 @@
-//! Training samples on disk: one safetensors file per object, ragged, memory-mapped when read.
+//! Training samples on disk: one safetensors file per object, ragged.
 //!
 //! Tensors (little endian; S samples, P points, C candidates and V cameras over all samples):
 //! `points` [P, 3] and `normals` [P, 3] f32 or f16, `point_offsets` [S + 1] u64; `candidates` [C, 6] f64
@@ -21,6 +21,12 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the layout above.
 pub const SCHEMA_VERSION: u32 = 1;
+
+/// What stands before the digits of a shard's checksum: JSON within a JSON string, hence the backslashes.
+pub const CHECKSUM: &[u8] = br#"\"sha256\":\""#;
+
+/// The one entry of the file's metadata.
+const METADATA: &str = "shard";
 
 /// One decision of an episode: what was known, which views were offered, and what each would have brought.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,6 +63,54 @@ impl Sample {
             working_distance: self.working_distance,
         }
     }
+
+    /// Whether every number can be: finite lengths, shares in [0, 1] (NaN where a foreign set does not say), views with a
+    /// direction, a distance above 0.
+    ///
+    /// # Errors
+    /// The first that cannot.
+    pub fn check(&self) -> Result<(), OddNumber> {
+        let odd = |found: String, expected| Err(OddNumber { found, expected });
+        let bad = |v: &nalgebra::Vector3<f64>| v.iter().any(|x| !x.is_finite());
+        if let Some(i) = self.cloud.points.iter().position(|p| bad(&p.coords)) {
+            return odd(format!("point {i} is not finite"), "finite numbers");
+        }
+        if let Some(i) = self.cloud.normals.iter().position(bad) {
+            return odd(format!("normal {i} is not finite"), "finite numbers");
+        }
+        let unfit = |c: &CandidateView| !c.view.is_valid() || !c.density.is_finite() || c.density < 0.0;
+        if let Some(i) = self.candidates.iter().position(unfit) {
+            return odd(format!("candidate {i} is {:?}", self.candidates[i]), "a view with a direction and a density");
+        }
+        if let Some(i) = self.scores.iter().position(|s| !(0.0..=1.0).contains(s)) {
+            return odd(format!("score {i} is {}", self.scores[i]), "a number from 0 to 1");
+        }
+        let shares = [("coverage", &self.coverage), ("overlap", &self.overlap)];
+        let all = shares.iter().flat_map(|(name, list)| list.iter().map(move |x| (*name, *x)));
+        for (name, share) in all.chain([("current_coverage", self.current_coverage)]) {
+            if !(share.is_nan() || (0.0..=1.0).contains(&share)) {
+                return odd(format!("{name} {share}"), "0 to 1, or NaN where it is not known");
+            }
+        }
+        if !(self.working_distance > 0.0 && self.working_distance.is_finite()) {
+            return odd(format!("working_distance {}", self.working_distance), "a length above 0");
+        }
+        let skew = |c: &Isometry3<f64>| bad(&c.translation.vector) || (c.rotation.coords.norm() - 1.0).abs() > 1e-6;
+        match self.cameras.iter().position(|c| skew(c) || c.rotation.coords.iter().any(|x| x.is_nan())) {
+            Some(i) => odd(format!("camera {i} is {:?}", self.cameras[i]), "a rigid motion"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A number of a sample that cannot be.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{found}, expected {expected}")]
+pub struct OddNumber {
+    /// Which, and its value.
+    pub found: String,
+    /// What would do.
+    pub expected: &'static str,
 }
 
 /// How clouds are stored; everything else is f64.
@@ -156,7 +210,7 @@ mod tests {
         assert_eq!(reader.metadata().seed, 7);
         reader.verify().unwrap();
         for (i, s) in samples.iter().enumerate() {
-            assert_eq!(&reader.sample(i), s, "sample {i}");
+            assert_eq!(&reader.sample(i).unwrap(), s, "sample {i}");
         }
         let bytes = std::fs::read(&path).unwrap();
         write(&path, &samples, CloudPrecision::F32);
@@ -170,7 +224,7 @@ mod tests {
         let mut s = sample("x", 0, 40, 3);
         s.cloud.points.iter_mut().for_each(|p| *p *= 0.1);
         write(&path, std::slice::from_ref(&s), CloudPrecision::F16);
-        let read = ShardReader::open(&path).unwrap().sample(0);
+        let read = ShardReader::open(&path).unwrap().sample(0).unwrap();
         for (a, b) in read.cloud.points.iter().zip(&s.cloud.points) {
             assert!((a - b).amax() < 1e-4 * b.coords.amax().max(0.03) * 5.0, "{a} {b}");
         }
@@ -183,20 +237,58 @@ mod tests {
         let path = dir.path().join("chair_0007.safetensors");
         write(&path, &[sample("x", 0, 50, 20)], CloudPrecision::F32);
         let good = std::fs::read(&path).unwrap();
-        for at in (0..good.len()).step_by(61).chain([good.len() - 1]) {
-            let mut bad = good.clone();
-            bad[at] ^= 0x10;
-            std::fs::write(&path, &bad).unwrap();
-            let result = ShardReader::open(&path).and_then(|r| r.verify());
-            let text = result.expect_err(&format!("byte {at} was changed")).to_string();
-            assert!(text.contains("chair_0007"), "{text}");
-        }
+        crate::checksum::tests::every_flip_is_noticed(&good, 200, |bad| {
+            std::fs::write(&path, bad).unwrap();
+            ShardReader::open(&path).map(drop).map_err(|e| e.to_string())
+        });
         for length in (0..good.len()).step_by(97) {
             std::fs::write(&path, &good[..length]).unwrap();
-            let result = ShardReader::open(&path).and_then(|r| r.verify());
-            assert!(result.is_err(), "{length} of {} bytes", good.len());
+            assert!(ShardReader::open(&path).is_err(), "{length} of {} bytes", good.len());
         }
         assert!(matches!(ShardReader::open(dir.path().join("none").as_path()), Err(FormatError::Io { .. })));
+    }
+
+    #[test]
+    fn a_shard_that_is_cut_or_replaced_while_it_is_open_is_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.safetensors");
+        let first = [sample("x", 0, 5000, 20)];
+        write(&path, &first, CloudPrecision::F32);
+        let reader = ShardReader::open(&path).unwrap();
+        assert_eq!(reader.sample(0).unwrap(), first[0]);
+        std::fs::File::options().write(true).open(&path).unwrap().set_len(1000).unwrap();
+        let text = reader.sample(0).expect_err("cut").to_string();
+        assert!(text.contains("changed while it was in use") && text.contains("a.safetensors"), "{text}");
+        write(&path, &[sample("x", 1, 5000, 20)], CloudPrecision::F32);
+        assert!(matches!(reader.sample(0), Err(FormatError::Changed { .. })), "of the same length, but another");
+    }
+
+    #[test]
+    fn numbers_that_cannot_be_are_refused() {
+        let good = sample("x", 1, 9, 4);
+        good.check().unwrap();
+        let foreign = Sample { coverage: vec![f64::NAN; 4], current_coverage: f64::NAN, ..good.clone() };
+        foreign.check().expect("NaN where a foreign set does not say");
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.safetensors");
+        let refused = |edit: &dyn Fn(&mut Sample), word: &str| {
+            let mut bad = good.clone();
+            edit(&mut bad);
+            write(&path, &[good.clone(), bad], CloudPrecision::F32);
+            let text = ShardReader::open(&path).unwrap().verify().expect_err(word).to_string();
+            assert!(text.contains("sample 1") && text.contains(word), "{word}: {text}");
+        };
+        refused(&|s| s.cloud.points[3].x = f64::NAN, "point 3");
+        refused(&|s| s.cloud.normals[2].y = f64::INFINITY, "normal 2");
+        refused(&|s| s.candidates[1].density = -1.0, "candidate 1");
+        refused(&|s| s.candidates[1].density = f64::INFINITY, "candidate 1");
+        refused(&|s| s.scores[2] = f64::NAN, "score 2 is NaN");
+        refused(&|s| s.coverage[0] = -0.1, "coverage -0.1");
+        refused(&|s| s.overlap[0] = 1.5, "overlap 1.5");
+        refused(&|s| s.current_coverage = -1.0, "current_coverage -1");
+        refused(&|s| s.working_distance = f64::NAN, "working_distance NaN");
+        refused(&|s| s.working_distance = -1.2, "working_distance -1.2");
+        refused(&|s| s.cameras[1].translation.vector.z = f64::NAN, "camera 1");
     }
 
     proptest! {
@@ -211,10 +303,11 @@ mod tests {
                 let at = at.index(bytes.len());
                 bytes[at] = value;
             }
+            crate::checksum::seal(&mut bytes, CHECKSUM);
             std::fs::write(&path, &bytes).unwrap();
             if let Ok(reader) = ShardReader::open(&path) {
                 for i in 0..reader.len() {
-                    reader.sample(i);
+                    let _ = reader.sample(i).map(|s| s.check());
                 }
             }
         }

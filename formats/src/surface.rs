@@ -2,11 +2,11 @@
 //! its bytes in the metadata.
 
 use crate::FormatError;
-use crate::error::Place;
-use crate::run::{atomic_write, hex};
+use crate::checksum::sha256;
+use crate::error::{Place, REMAKE};
+use crate::run::atomic_write;
 use nalgebra::Point3;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
-use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use std::path::Path;
 /// What the operating system refuses.
 pub fn write_surface(path: &Path, points: &[Point3<f64>]) -> Result<(), FormatError> {
     let data: Vec<u8> = points.iter().flat_map(|p| p.iter().flat_map(|&x| (x as f32).to_le_bytes())).collect();
-    let metadata = HashMap::from([("sha256".to_owned(), hex(&Sha256::digest(&data)))]);
+    let metadata = HashMap::from([("sha256".to_owned(), sha256(&data))]);
     let bytes = TensorView::new(Dtype::F32, vec![points.len(), 3], &data)
         .and_then(|tensor| serialize([("points", tensor)], Some(metadata)))
         .map_err(|e| FormatError::syntax(path, Place::File, e.to_string(), "what safetensors can hold"))?;
@@ -39,9 +39,9 @@ pub fn read_surface(path: &Path) -> Result<Vec<Point3<f64>>, FormatError> {
         return Err(refuse(format!("{:?} {:?}", tensor.dtype(), tensor.shape())));
     }
     let expected = header.metadata().as_ref().and_then(|m| m.get("sha256")).cloned().unwrap_or_default();
-    let found = hex(&Sha256::digest(tensor.data()));
+    let found = sha256(tensor.data());
     if found != expected {
-        return Err(FormatError::Damaged { path: path.to_owned(), found, expected });
+        return Err(FormatError::Damaged { path: path.to_owned(), found, expected, way_out: REMAKE });
     }
     let number = |b: &[u8]| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     Ok(tensor
@@ -68,6 +68,10 @@ mod tests {
         std::fs::write(&path, &bad).unwrap();
         let text = read_surface(&path).expect_err("damaged").to_string();
         assert!(text.contains("damaged") && text.contains("bunny"), "{text}");
+        crate::checksum::tests::every_flip_is_noticed(&good, 200, |bad| {
+            std::fs::write(&path, bad).unwrap();
+            read_surface(&path).map(drop).map_err(|e| e.to_string())
+        });
         for length in 0..good.len() {
             std::fs::write(&path, &good[..length]).unwrap();
             assert!(read_surface(&path).is_err(), "{length} bytes");

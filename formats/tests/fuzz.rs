@@ -358,6 +358,9 @@ fn shards() {
     (0..3).for_each(|_| writer.push(&sample()).unwrap());
     let made = vec![writer.to_bytes().unwrap()];
     fuzz("shard", &seeds("safetensors", made), |_, bytes| {
+        // Behind the checksum, which would refuse all of them.
+        let mut bytes = bytes.to_vec();
+        formats::checksum::seal(&mut bytes, formats::shard::CHECKSUM);
         std::fs::write(&file, bytes).unwrap();
         let Ok(reader) = ShardReader::open(&file) else { return false };
         (0..reader.len()).for_each(|i| drop(reader.sample(i)));

@@ -10,6 +10,9 @@ use std::collections::binary_heap::PeekMut;
 const OVERSAMPLING: usize = 5;
 /// Bound on the cells of the search grid.
 const MAX_CELLS: f64 = 8e6;
+/// Bound on the pairs of samples in neighbouring cells, a third of which are within reach, at 8 bytes each. A smooth surface
+/// has 50 per sample.
+const MAX_PAIRS: u64 = 300_000_000;
 /// Ratio of successive thresholds of the elimination.
 const BAND: f32 = 0.93;
 
@@ -45,7 +48,8 @@ pub fn sample_surface(mesh: &Mesh, count: usize, rng: &mut impl Rng) -> Vec<Poin
 
 /// `count` points on the surface that keep their distance from each other: weighted sample elimination (Yuksel
 /// 2015) from five times as many random ones, with the published parameters (alpha 8, beta 0.65, gamma 1.5).
-/// Own code: crates offer dart throwing in boxes only. Empty for a mesh without area.
+/// Own code: crates offer dart throwing in boxes only. Empty for a mesh without area. Layers upon layers of surface, where all
+/// pairs of near samples would not fit the memory, get random points: uniform over the area, but not apart.
 pub fn poisson_disk_sample(mesh: &Mesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
     let samples = sample_surface(mesh, count * OVERSAMPLING, rng);
     if samples.is_empty() {
@@ -63,6 +67,9 @@ fn eliminate(samples: &[Point3<f64>], count: usize, radius: f64) -> Vec<bool> {
     let ratio = count as f64 / n as f64;
     let nearest = 2.0 * 0.65 * radius * (1.0 - ratio.powf(1.5));
     let grid = CellOrder::new(samples, 2.0 * radius);
+    if grid.pairs() > MAX_PAIRS {
+        return (0..n).map(|i| (i + 1) * count / n > i * count / n).collect();
+    }
     let influences = Influences::new(&grid, nearest as f32, (2.0 * radius) as f32);
     let mut weight: Vec<f32> = (0..n).map(|i| influences.of(i).iter().map(|&(_, w)| w).sum()).collect();
     // Weights only fall, so the samples above a falling threshold are the next to go, heaviest first: a small heap
@@ -205,6 +212,19 @@ impl CellOrder {
         Self { cells, start, cell, sample, xyz }
     }
 
+    /// Number of pairs of points in the same or neighbouring cells.
+    fn pairs(&self) -> u64 {
+        let (mut pairs, mut around) = (0, 0);
+        for i in 0..self.cell.len() {
+            if i == 0 || self.cell[i] != self.cell[i - 1] {
+                around = 0;
+                self.for_rows(i, |range| around += range.len() as u64);
+            }
+            pairs += around;
+        }
+        pairs
+    }
+
     /// Calls `visit` with the slices of points in the 27 cells around a point, nine at most.
     fn for_rows(&self, i: usize, mut visit: impl FnMut(std::ops::Range<usize>)) {
         let [nx, ny, nz] = self.cells;
@@ -311,6 +331,19 @@ mod tests {
         }
         let differ = (0..400).filter(|&i| kept[i] != expected[i]).count();
         assert!(differ <= 8, "{differ} of 400 differ; rounding may exchange equals, no more");
+    }
+
+    #[test]
+    fn layers_upon_layers_get_random_points_in_bounded_memory() {
+        // A thousand squares within a millimetre: every sample is near every other one, 10^10 pairs.
+        let corner = |layer: u32, x: f64, y: f64| Point3::new(x, y, f64::from(layer) * 1e-6);
+        let vertices = (0..1000).flat_map(|k| [corner(k, 0., 0.), corner(k, 1., 0.), corner(k, 1., 1.), corner(k, 0., 1.)]);
+        let triangles = (0..1000).flat_map(|k| [[4 * k, 4 * k + 1, 4 * k + 2], [4 * k, 4 * k + 2, 4 * k + 3]]);
+        let mesh = Mesh { vertices: vertices.collect(), triangles: triangles.collect() };
+        let points = poisson_disk_sample(&mesh, 20_000, &mut rng::stream(8, "samples"));
+        assert_eq!(points.len(), 20_000);
+        let left = points.iter().filter(|p| p.x < 0.5).count();
+        assert!((9_500..10_500).contains(&left), "{left} in the left half");
     }
 
     #[test]

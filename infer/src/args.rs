@@ -2,6 +2,7 @@
 
 use crate::request::Unit;
 use clap::Parser;
+use formats::program::{CommonArgs, EXIT_CODES, length, share};
 use planning::Misses;
 use planning::PlannerName;
 use std::ffi::OsString;
@@ -22,19 +23,19 @@ Every setting: configs/infer.toml. For robots: docs/robots.md.";
 
 /// The next best view for a 3D scan, as a pose that a robot can use.
 #[derive(Debug, Parser)]
-#[command(name = "infer", version, after_help = EXAMPLES)]
+#[command(name = "infer", version = built::VERSION, after_help = format!("{EXAMPLES} {EXIT_CODES}"))]
 pub struct Args {
     /// Clouds (PLY, PCD, XYZ, NPY), oldest first; all in one world frame.
     #[arg(long, num_args = 1.., value_name = "FILE")]
     pub scan: Vec<PathBuf>,
     /// Camera position of each scan, x,y,z in the unit of the clouds, in the same order.
-    #[arg(long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>)]
+    #[arg(long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>, requires = "scan")]
     pub from: Vec<[f64; 3]>,
     /// Depth images (16-bit PNG in millimetres, NPY in metres), oldest first, added after the clouds.
     #[arg(long, num_args = 1.., value_name = "FILE")]
     pub depth: Vec<PathBuf>,
     /// Intrinsics of the depth images, fx,fy,cx,cy in pixels; not needed where the pose file has them.
-    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>)]
+    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, requires = "depth")]
     pub intrinsics: Option<[f64; 4]>,
     /// Pose of the camera of each depth image, or of each cloud instead of --from: tx,ty,tz,qx,qy,qz,qw in metres, or a file
     /// with one pose in any of the formats of --views-from; FILE:NAME or FILE:INDEX takes one of several.
@@ -46,17 +47,17 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub views_from: Option<PathBuf>,
     /// Metres per unit of the depth images, if not the usual.
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = length, requires = "depth")]
     pub depth_unit: Option<f64>,
     /// What pixels without a return mean: unknown, or free (nothing there).
     #[arg(long, value_name = "MEANING", value_parser = misses)]
     pub misses: Option<Misses>,
     /// Unit of the clouds and of --from.
-    #[arg(long, value_enum, default_value = "m")]
+    #[arg(long, value_enum, default_value = "m", requires = "scan")]
     pub unit: Unit,
     /// Distance from target to camera in metres, or a range to choose from: MIN..MAX.
-    #[arg(long, value_name = "METRES")]
-    pub distance: Option<String>,
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = distances)]
+    pub distance: Option<(f64, f64)>,
     /// Which planner: auto, volumetric, benbv-net, farthest.
     #[arg(long, value_name = "NAME", value_parser = planner)]
     pub planner: Option<PlannerName>,
@@ -64,10 +65,10 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     pub weights: Option<PathBuf>,
     /// Stop when the next view is expected to add less than this share of the surface, such as 0.01.
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = share)]
     pub stop_below: Option<f64>,
     /// Answer as JSON.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "serve")]
     pub json: bool,
     /// Write the cloud and the candidates as frustums to this PLY.
     #[arg(long, value_name = "FILE")]
@@ -79,7 +80,7 @@ pub struct Args {
     #[arg(long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve", "views_from"])]
     pub object: Option<String>,
     /// Next views in the closed loop (--object).
-    #[arg(long, default_value_t = 15, value_name = "COUNT")]
+    #[arg(long, default_value_t = 15, value_name = "COUNT", requires = "object")]
     pub views: usize,
     /// Write the first scans of --object (two clouds, a depth image, their poses) into this directory.
     #[arg(long, value_name = "DIR", requires = "object")]
@@ -90,28 +91,15 @@ pub struct Args {
     /// Loopback address for --serve, such as 127.0.0.1:8350; port 0 takes a free one and prints it.
     #[arg(long, value_name = "ADDRESS", requires = "serve")]
     pub http: Option<SocketAddr>,
-    /// Settings (TOML), laid over the defaults.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// A setting, laid over the file; the value is TOML.
-    #[arg(long, value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
-    /// Seed of the random streams.
-    #[arg(long, value_name = "NUMBER")]
-    pub seed: Option<u64>,
-    /// Threads; 0 takes all cores.
-    #[arg(long, default_value_t = 0, value_name = "COUNT")]
-    pub jobs: usize,
-    /// Say more (-v, -vv).
-    #[arg(short, action = clap::ArgAction::Count)]
-    pub verbose: u8,
+    #[command(flatten)]
+    pub common: CommonArgs,
 }
 
 impl Args {
     /// Parses a command line. Numbers with commas that begin with a minus are values, not flags.
     pub fn from_command_line(words: impl Iterator<Item = OsString>) -> Result<Self, clap::Error> {
         let is_number = |word: &str| word.starts_with('-') && word.contains(',') && !word.starts_with("--");
-        Self::try_parse_from(words.map(|word| match word.to_str() {
+        formats::program::parse_from(words.map(|word| match word.to_str() {
             // A space in front keeps the parser from taking the minus for a flag; it is trimmed later.
             Some(text) if is_number(text) => OsString::from(format!(" {text}")),
             _ => word,
@@ -147,11 +135,13 @@ fn misses(text: &str) -> Result<Misses, String> {
 
 /// `0.8`, or `0.6..1.2`.
 pub fn distances(text: &str) -> Result<(f64, f64), String> {
-    let number =
-        |part: &str| part.trim().parse::<f64>().map_err(|_| format!("--distance {text}: expected METRES or MIN..MAX"));
+    let number = |part: &str| length(part.trim()).map_err(|e| format!("{e}: METRES or MIN..MAX"));
     match text.split_once("..") {
         None => number(text).map(|d| (d, d)),
-        Some((low, high)) => Ok((number(low)?, number(high)?)),
+        Some((low, high)) => match (number(low)?, number(high)?) {
+            (low, high) if low <= high => Ok((low, high)),
+            _ => Err("expected the smaller distance first".to_owned()),
+        },
     }
 }
 
@@ -170,12 +160,36 @@ mod tests {
     }
 
     #[test]
+    fn flags_that_do_nothing_are_refused() {
+        for (words, said) in [
+            ("--http 127.0.0.1:0 --scan a", "--serve"),
+            ("--serve --json", "--json"),
+            ("--scan a --views 3", "--object"),
+            ("--scan a --export-scans d", "--object"),
+            ("--scan a --intrinsics 1,1,1,1", "--depth"),
+            ("--scan a --pose p", "--depth"),
+            ("--depth d --from 1,2,3", "--scan"),
+            ("--object m --unit mm", "--scan"),
+            ("--scan a --stop-below 2", "share from 0 to 1"),
+            ("--scan a --distance -1", "length above 0"),
+            ("--scan a --seed -1", "whole number"),
+        ] {
+            let error = Args::from_command_line(["infer"].into_iter().chain(words.split(' ')).map(OsString::from));
+            let text = error.expect_err(words).to_string();
+            assert!(text.contains(said), "{words}: {text}");
+        }
+    }
+
+    #[test]
     fn numbers_are_refused_with_the_reason() {
         assert_eq!(numbers::<3>("1, 2,-3e-1"), Ok([1.0, 2.0, -0.3]), "spaces are harmless");
         assert!(numbers::<3>("1,2").expect_err("two").contains("2 numbers, expected 3"), "count");
         assert!(numbers::<3>("1,x,3").expect_err("x").contains("\"x\""), "which");
         assert!(numbers::<3>("1,nan,3").is_err() && numbers::<3>("1,inf,3").is_err(), "finite only");
         assert_eq!(distances("0.6..1.2"), Ok((0.6, 1.2)), "a range");
-        assert!(distances("near").is_err(), "no number");
+        for bad in ["near", "-1", "0", "0.5..-1", "inf"] {
+            assert!(distances(bad).expect_err(bad).contains("length above 0"), "{bad}");
+        }
+        assert!(distances("2..1").is_err(), "falling");
     }
 }

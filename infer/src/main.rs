@@ -12,35 +12,27 @@ mod weights;
 
 use anyhow::{Context, Result, bail};
 use args::Args;
-use formats::Flag;
+use formats::{Flag, program};
 use infer::report::{ReportInput, report_html};
 use nalgebra::{Isometry3, Point3, Vector3};
-use planning::{Answer, Scan, Session, SessionConfig};
+use planning::{Answer, PlannerName, Scan, Session, SessionConfig};
 use service::{Limits, Service};
-use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let args = Args::from_command_line(std::env::args_os()).unwrap_or_else(|error| error.exit());
-    let level = ["warn", "info", "debug"][usize::from(args.verbose.min(2))];
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
-    match run(&args) {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    args.common.start_messages(["warn", "info", "debug"]);
+    program::finish(run(&args))
 }
 
 fn run(args: &Args) -> Result<ExitCode> {
-    if args.jobs > 0 {
-        rayon::ThreadPoolBuilder::new().num_threads(args.jobs).build_global().context("--jobs")?;
-    }
+    args.common.start_threads()?;
     let config = settings(args)?;
     config.check()?;
+    if args.weights.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
+        program::misuse::<Args>("--weights does nothing for a planner other than auto and benbv-net");
+    }
     let network = || weights::network(args.weights.as_deref()).map(Some);
     if args.serve {
         let service = Service::new(config.clone(), network()?, Limits::default());
@@ -50,8 +42,7 @@ fn run(args: &Args) -> Result<ExitCode> {
         return closed_loop(object, args, Session::new(config.clone(), network()?)?);
     }
     if args.scan.is_empty() && args.depth.is_empty() {
-        eprintln!("error: nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve (see --help)");
-        return Ok(ExitCode::from(2));
+        program::misuse::<Args>("nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve");
     }
     let mut session = Session::new(config.clone(), network()?)?;
     let names = add_scans(&mut session, args)?;
@@ -59,9 +50,9 @@ fn run(args: &Args) -> Result<ExitCode> {
     let poses: Vec<_> = session.state().scans.iter().map(|s| s.world_from_camera).collect();
     write_files(args, &names, &session, &answer, &poses, &[])?;
     if args.json {
-        print(&format!("{}\n", serde_json::to_string_pretty(&answer)?))?;
+        program::print_line(serde_json::to_string_pretty(&answer)?)?;
     } else {
-        print(&answer.to_text())?;
+        program::print(answer.to_text())?;
     }
     // 3: an answer was given, and it is that no view is left.
     Ok(if answer.next.is_some() { ExitCode::SUCCESS } else { ExitCode::from(3) })
@@ -69,8 +60,7 @@ fn run(args: &Args) -> Result<ExitCode> {
 
 /// Defaults, then the file, then --set, then flags.
 fn settings(args: &Args) -> Result<SessionConfig> {
-    let distance = args.distance.as_deref().map(args::distances).transpose().map_err(anyhow::Error::msg)?;
-    let (fixed, range) = match distance {
+    let (fixed, range) = match args.distance {
         Some((low, high)) if low == high => (Some(low), None),
         Some((low, high)) => (None, Some(toml::Value::from(vec![low, high]))),
         None => (None, None),
@@ -82,10 +72,8 @@ fn settings(args: &Args) -> Result<SessionConfig> {
         Flag::given("--planner", "planner", args.planner.map(|p| p.as_str())),
         Flag::given("--stop-below", "stop_below", args.stop_below),
         Flag::given("--misses", "misses", misses),
-        Flag::given("--seed", "seed", args.seed.map(i64::try_from).transpose().context("--seed")?),
     ];
-    let flags: Vec<Flag> = flags.into_iter().flatten().collect();
-    let mut config: SessionConfig = formats::config::load(args.config.as_deref(), &args.set, &flags)?;
+    let mut config: SessionConfig = args.common.settings(flags)?;
     if fixed.is_some() {
         config.working_distance_range_m = None;
     }
@@ -143,21 +131,21 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
     let mut failed = None;
     let show = |step: &simulate::Step| {
         let line = if args.json { serde_json::to_string(step).unwrap_or_default() } else { step_line(step) };
-        failed = failed.take().or(print(&(line + "\n")).err());
+        failed = failed.take().or(program::print_line(line).err());
     };
     let outcome = simulate::run(object, args, session, show)?;
     if let Some(error) = failed {
-        return Err(error);
+        return Err(error.into());
     }
     let coverage: Vec<f64> = outcome.steps.iter().map(|s| s.coverage).collect();
     if !args.json {
-        print(&format!("ended: {}\n", outcome.ended))?;
+        program::print_line(format_args!("ended: {}", outcome.ended))?;
     }
     write_files(args, object, &outcome.session, &outcome.last, &outcome.poses, &coverage)?;
     if let Some(directory) = &args.export_scans {
         let camera = outcome.session.config().camera.camera();
         let commands = simulate::export_scans(directory, object, &outcome, &camera)?;
-        print(&format!("scans in {}; plan on them with\n{commands}\n", directory.display()))?;
+        program::print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -205,18 +193,9 @@ fn serve(service: Service, args: &Args) -> Result<()> {
     match args.http {
         Some(address) => http::serve(service, address, |bound| {
             // A line for the program that started this one; port 0 is known now.
-            let _ = print(&format!("listening on http://{bound}\n"));
+            let _ = program::print_line(format_args!("listening on http://{bound}"));
         })
         .with_context(|| format!("--http {address}")),
         None => lines::serve(&service, std::io::stdin().lock(), std::io::stdout().lock()).context("stdin and stdout"),
-    }
-}
-
-/// To stdout; a reader that went away (`| head`) is no error.
-fn print(text: &str) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("stdout"),
-        _ => Ok(()),
     }
 }

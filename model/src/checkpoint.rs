@@ -1,9 +1,11 @@
-//! Checkpoints: a directory with `model.safetensors` (published names) and `checkpoint.toml` (all that is needed to
-//! use and to trace the weights). Written beside its place and renamed, so that a reader sees the old one or the new
+//! Checkpoints: a directory with `model.safetensors` (published names), `checkpoint.toml` (all that is needed to use and to
+//! trace the weights), and `SHA256SUMS`, against which they are held whenever they are read. Written beside its place and renamed, so that a reader sees the old one or the new
 //! one and never half of either.
 
+use crate::config::MOST;
 use crate::encode::EncodeConfig;
 use crate::published::{self, Network, Precision, WeightsError};
+use crate::sums::{self, SUMS, Sums};
 use burn::tensor::Device;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -61,6 +63,19 @@ pub enum CheckpointError {
         /// The cause, with the place.
         reason: String,
     },
+    /// The bytes are not those that were written.
+    #[error(
+        "{file}: damaged or edited: its SHA-256 is {found}, {SUMS} says {expected}; take another checkpoint or a sound copy, \
+         or, where the change is meant, delete {SUMS}"
+    )]
+    Damaged {
+        /// The file.
+        file: String,
+        /// Checksum of what is there.
+        found: String,
+        /// Checksum that was recorded.
+        expected: String,
+    },
     /// The weights do not fit.
     #[error(transparent)]
     Weights(#[from] WeightsError),
@@ -83,16 +98,15 @@ impl<C> Checkpoint<C> {
 
 /// Writes the checkpoint to the directory, replacing an older one.
 pub fn save<N: Network>(directory: &Path, net: &N, info: &Checkpoint<N::Config>) -> Result<(), CheckpointError> {
-    save_with(directory, net, info, |_| Ok(()))
+    save_with(directory, net, info, &[])
 }
 
-/// As [`save`]; `more` may write further files (an optimizer's state) into the directory it is given before that is
-/// put in place as a whole.
+/// As [`save`], with further files (an optimizer's state), by name; all of them are put in place as a whole.
 pub fn save_with<N: Network>(
     directory: &Path,
     net: &N,
     info: &Checkpoint<N::Config>,
-    more: impl FnOnce(&Path) -> std::io::Result<()>,
+    more: &[(&str, &[u8])],
 ) -> Result<(), CheckpointError> {
     let io = |file: &Path, source| CheckpointError::Io { file: file.display().to_string(), source };
     let parent = match directory.parent() {
@@ -106,13 +120,13 @@ pub fn save_with<N: Network>(
         .suffix(".partial")
         .tempdir_in(&parent)
         .map_err(|e| io(&parent, e))?;
-    let write = |name: &str, bytes: &[u8]| {
-        let file = staging.path().join(name);
-        fs::write(&file, bytes).map_err(|e| io(&file, e))
-    };
-    write(WEIGHTS, &published::to_safetensors(net, info.precision)?)?;
-    write(DESCRIPTION, describe(info, &directory.join(DESCRIPTION))?.as_bytes())?;
-    more(staging.path()).map_err(|e| io(directory, e))?;
+    let weights = published::to_safetensors(net, info.precision)?;
+    let description = describe(info, &directory.join(DESCRIPTION))?;
+    let files = [&[(WEIGHTS, &weights[..]), (DESCRIPTION, description.as_bytes())], more].concat();
+    for (name, bytes) in files.iter().copied().chain([(SUMS, sums::text(&files).as_bytes())]) {
+        // The place that it is to have, not that of the moment.
+        fs::write(staging.path().join(name), bytes).map_err(|e| io(&directory.join(name), e))?;
+    }
     sync_files(staging.path()).map_err(|e| io(directory, e))?;
 
     // A directory cannot be renamed onto another: the old one steps aside first, and comes back on failure.
@@ -138,9 +152,11 @@ pub fn save_with<N: Network>(
 /// the previous checkpoint is taken.
 pub fn load<N: Network>(directory: &Path, device: &Device) -> Result<(N, Checkpoint<N::Config>), CheckpointError> {
     let directory = &surviving(directory);
-    let info = read_description::<N::Config>(&directory.join(DESCRIPTION))?;
+    let sums = Sums::read(directory)?;
+    let info = read_description::<N::Config>(directory, &sums)?;
     let file = directory.join(WEIGHTS);
     let bytes = fs::read(&file).map_err(|e| CheckpointError::Io { file: file.display().to_string(), source: e })?;
+    sums.check(WEIGHTS, &bytes)?;
     let net = build::<N>(&info, &bytes, &directory.join(DESCRIPTION).display().to_string(), &file, device)?;
     Ok((net, info))
 }
@@ -159,7 +175,8 @@ pub fn load_bytes<N: Network>(
 
 /// The kind of network in a checkpoint directory, without reading its weights.
 pub fn kind(directory: &Path) -> Result<String, CheckpointError> {
-    Ok(read_description::<toml::Table>(&surviving(directory).join(DESCRIPTION))?.kind)
+    let directory = &surviving(directory);
+    Ok(read_description::<toml::Table>(directory, &Sums::read(directory)?)?.kind)
 }
 
 /// A network of these sizes with the weights of a `.safetensors`, `.pth` or `.pt` file.
@@ -193,9 +210,19 @@ fn build<N: Network>(
     if info.kind != N::KIND {
         return Err(fail(format!("kind = \"{}\": expected a checkpoint of \"{}\"", info.kind, N::KIND)));
     }
-    let net = N::create(&info.network, device).map_err(|reason| fail(format!("[network] {reason}")))?;
+    if !(1..=MOST).contains(&info.encode.points) {
+        return Err(fail(format!("[encode] points = {}: expected 1 to {MOST}", info.encode.points)));
+    }
     let name = file.display().to_string();
-    Ok(published::apply(net, published::read_safetensors(weights, &name)?, &name)?)
+    let tensors = published::read_safetensors(weights, &name)?;
+    // Before any memory is asked for: the network of a mistyped width may be larger than the machine.
+    let stored: f64 = tensors.iter().map(|t| t.shape.iter().map(|&n| n as f64).product::<f64>()).sum();
+    let wanted = N::least_weights(&info.network);
+    if wanted > 4.0 * stored {
+        return Err(fail(format!("[network] asks for more than {wanted:.0} weights, but {name} holds {stored:.0}")));
+    }
+    let net = N::create(&info.network, device).map_err(|reason| fail(format!("[network] {reason}")))?;
+    Ok(published::apply(net, tensors, &name)?)
 }
 
 fn surviving(directory: &Path) -> PathBuf {
@@ -211,10 +238,12 @@ fn describe<C: Serialize>(info: &Checkpoint<C>, file: &Path) -> Result<String, C
         .map_err(|e| CheckpointError::Description { file: file.display().to_string(), reason: e.to_string() })
 }
 
-fn read_description<C: DeserializeOwned>(file: &Path) -> Result<Checkpoint<C>, CheckpointError> {
+fn read_description<C: DeserializeOwned>(directory: &Path, sums: &Sums) -> Result<Checkpoint<C>, CheckpointError> {
+    let file = directory.join(DESCRIPTION);
     let name = file.display().to_string();
-    let text = fs::read_to_string(file).map_err(|source| CheckpointError::Io { file: name.clone(), source })?;
-    parse_description(&text, &name)
+    let bytes = fs::read(&file).map_err(|source| CheckpointError::Io { file: name.clone(), source })?;
+    sums.check(DESCRIPTION, &bytes)?;
+    parse_description(&String::from_utf8_lossy(&bytes), &name)
 }
 
 fn parse_description<C: DeserializeOwned>(text: &str, file: &str) -> Result<Checkpoint<C>, CheckpointError> {

@@ -38,7 +38,7 @@ impl Default for BenbvNetConfig {
 }
 
 /// A limit far above any use.
-const MOST: usize = 1 << 20;
+pub(crate) const MOST: usize = 1 << 20;
 
 /// What makes the sizes of a network impossible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -148,6 +148,25 @@ impl BenbvNetConfig {
     /// Channels after the fusion of both global features.
     pub fn global_width(&self) -> usize {
         self.position_widths.last().copied().unwrap_or(0) + self.normal_widths.last().copied().unwrap_or(0)
+    }
+
+    /// Weights that a network of these sizes has at the very least: its matrices, without biases and norms.
+    pub(crate) fn least_weights(&self) -> f64 {
+        let chain = |first: f64, widths: &[usize]| {
+            let widths = widths.iter().map(|&w| w as f64);
+            widths.fold((first, 0.0), |(input, sum), output| (output, sum + input * output)).1
+        };
+        let global = self.global_width() as f64;
+        let boundary = 2.0 * self.boundary_widths[1] as f64;
+        let attention = self.attention_width as f64;
+        chain(3.0, &self.position_widths)
+            + chain(3.0, &self.normal_widths)
+            + global * global
+            + 2.0 * chain(3.0, &self.boundary_widths)
+            + 2.0 * chain(1.0, &self.context_widths)
+            + chain(global + boundary, &self.trunk_widths)
+            + 4.0 * attention * attention
+            + attention * self.head_width as f64
     }
 
     /// What makes these sizes impossible, in words that name the key, or `Ok`.

@@ -19,6 +19,7 @@ pub mod pc_nbv;
 pub mod pc_nbv_model;
 pub mod published;
 mod shared_mlp;
+pub mod sums;
 
 pub use benbv::{BenbvNet, NetInput};
 pub use config::{BenbvNetConfig, SizeError};

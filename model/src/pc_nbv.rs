@@ -141,6 +141,11 @@ impl Network for PcNbvNet {
         Ok(config.init(device))
     }
 
+    /// Its layers have fixed sizes.
+    fn least_weights(_: &PcNbvNetConfig) -> f64 {
+        0.0
+    }
+
     fn is_conv(_: &str) -> bool {
         false
     }

@@ -218,8 +218,7 @@ fn checkpoints_come_back_and_replace_each_other() {
     for step in [10, 20] {
         info.step = step;
         let net = net(&config, step);
-        checkpoint::save_with(&directory, &net, &info, |place| std::fs::write(place.join("optimizer.bin"), [1, 2]))
-            .expect("saved");
+        checkpoint::save_with(&directory, &net, &info, &[("optimizer.bin", &[1, 2])]).expect("saved");
         let (back, read) = checkpoint::load::<BenbvNet>(&directory, &Device::flex()).expect("loaded");
         assert_eq!(read, info);
         assert_eq!(scores(&back, &batch, 8), scores(&net, &batch, 8), "the same bits");
@@ -240,6 +239,9 @@ fn bad_checkpoints_are_explained() {
     let info = checkpoint::Checkpoint::new::<BenbvNet>(config.clone(), EncodeConfig::default());
     checkpoint::save(&directory, &net(&config, 1), &info).expect("saved");
     let load = || checkpoint::load::<BenbvNet>(&directory, &Device::flex()).expect_err("bad").to_string();
+    // As an older program left it, so that what is edited below is read at all.
+    std::fs::remove_file(directory.join(model::sums::SUMS)).expect("removed");
+    checkpoint::load::<BenbvNet>(&directory, &Device::flex()).expect("a warning alone");
     let description = directory.join(checkpoint::DESCRIPTION);
     let text = std::fs::read_to_string(&description).expect("text");
     let with = |from: &str, to: &str| {
@@ -250,6 +252,9 @@ fn bad_checkpoints_are_explained() {
     assert!(with("schema_version = 1", "schema_version = 9").contains("schema_version = 9: this program reads 1"));
     assert!(with("heads = 4", "heads = 5").contains("heads = 5 must divide attention_width = 16"));
     assert!(with("heads = 4", "hands = 4").contains("unknown field `hands`"));
+    let huge = with("trunk_widths = [16, 16, 8]", "trunk_widths = [1000000, 1000000, 8]");
+    assert!(huge.contains("[network] asks for more than 1000") && huge.contains("model.safetensors holds"), "{huge}");
+    assert!(with("[encode]\npoints = ", "[encode]\npoints = 9999999").contains("[encode] points = 9999999"));
     assert!(with("kind = \"benbv-net\"", "kind = \"pc-nbv\"").contains("expected a checkpoint of \"benbv-net\""));
     let misshaped = with("head_width = 8", "head_width = 9");
     assert!(misshaped.contains("misshaped: `score_head.0.weight` is [8, 16], expected [9, 16]"), "{misshaped}");
@@ -268,6 +273,32 @@ fn bad_checkpoints_are_explained() {
     assert!(load().contains("model.safetensors: not a readable safetensors file"));
     std::fs::remove_file(&weights).expect("removed");
     assert!(load().contains("model.safetensors: No such file"));
+}
+
+#[test]
+fn every_flipped_bit_of_a_checkpoint_is_noticed() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().expect("temp");
+    let directory = folder.path().join("run");
+    let config = BenbvNetConfig::tiny();
+    let info = checkpoint::Checkpoint::new::<BenbvNet>(config.clone(), EncodeConfig::default());
+    checkpoint::save(&directory, &net(&config, 1), &info).expect("saved");
+    let mut rng = geometry::rng::stream(3, "properties");
+    for name in [checkpoint::WEIGHTS, checkpoint::DESCRIPTION, model::sums::SUMS] {
+        let file = directory.join(name);
+        let good = std::fs::read(&file).expect("bytes");
+        for _ in 0..200 {
+            let (byte, bit) = (rng.random_range(0..good.len()), rng.random_range(0..8));
+            let mut bad = good.clone();
+            bad[byte] ^= 1 << bit;
+            std::fs::write(&file, &bad).expect("written");
+            let loaded = checkpoint::load::<BenbvNet>(&directory, &Device::flex());
+            let text = loaded.err().unwrap_or_else(|| panic!("{name}: bit {bit} of byte {byte}")).to_string();
+            assert!(text.contains(&*directory.to_string_lossy()), "{text}");
+        }
+        std::fs::write(&file, &good).expect("written");
+    }
+    checkpoint::load::<BenbvNet>(&directory, &Device::flex()).expect("sound again");
 }
 
 #[test]

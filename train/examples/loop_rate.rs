@@ -40,7 +40,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let visits: Vec<usize> = (0..batch * steps).collect();
     let mut batches = Vec::new();
-    let loader = measure(batch * steps, || batches.extend(visits.chunks(batch).map(|v| task.batch(0, v))));
+    let loader =
+        measure(batch * steps, || batches.extend(visits.chunks(batch).map(|v| task.batch(0, v).expect("a batch"))));
     print("loader alone, one thread", loader);
 
     let device = model::device::open("cpu")?;
@@ -52,7 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let gradients = GradientsParams::from_grads(loss.backward(), &net);
         net = optimizer.step(1e-3, net.clone(), gradients);
     };
-    step(task.batch(0, &visits[..batch]));
+    step(task.batch(0, &visits[..batch]).expect("a batch"));
     let bare = measure(batch * steps, || batches.drain(..).for_each(&mut step));
     print("bare step", bare);
 
@@ -108,6 +109,7 @@ fn write_set(dir: &Path, samples: usize) -> Result<(), Box<dyn std::error::Error
     }
     let manifest = Manifest {
         schema_version: formats::shard::SCHEMA_VERSION,
+        sha256: String::new(),
         dataset: "random".into(),
         config_hash: String::new(),
         seed: 0,

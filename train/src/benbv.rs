@@ -2,7 +2,7 @@
 
 use crate::TrainError;
 use crate::config::TrainConfig;
-use crate::data::Dataset;
+use crate::data::{self, Dataset};
 use crate::episodes;
 use crate::metrics::Ranking;
 use crate::task::{Episodes, Task, Validation};
@@ -41,7 +41,8 @@ impl<'a> BenbvTask<'a> {
 
     /// A sample in the network's terms, augmented where `augmented`; the stream decides how.
     fn prepare(&self, mut sample: Sample, augmented: bool, name: &str) -> Result<(Encoded, Vec<f32>), String> {
-        let scores = checked_scores(&sample)?;
+        data::check(&sample)?;
+        let scores = sample.scores.iter().map(|&s| s as f32).collect();
         let mut rng = stream(self.config.seed, name);
         let mut settings = self.config.encode();
         if augmented {
@@ -57,18 +58,6 @@ impl<'a> BenbvTask<'a> {
     fn refuse(&self, reason: String) {
         let mut list = self.refusals.lock().unwrap_or_else(PoisonError::into_inner);
         list.push(format!("left out a sample: {reason}"));
-    }
-}
-
-/// True scores as the loss takes them, or what is wrong with them.
-fn checked_scores(sample: &Sample) -> Result<Vec<f32>, String> {
-    let name = format!("{} decision {}", sample.object, sample.scan_index);
-    if sample.scores.len() != sample.candidates.len() {
-        return Err(format!("{name}: {} scores for {} candidates", sample.scores.len(), sample.candidates.len()));
-    }
-    match sample.scores.iter().position(|s| !(0.0..=1.0).contains(s)) {
-        Some(i) => Err(format!("{name}: score {i} is {}, expected a number in [0, 1]", sample.scores[i])),
-        None => Ok(sample.scores.iter().map(|&s| s as f32).collect()),
     }
 }
 
@@ -88,13 +77,13 @@ impl Task for BenbvTask<'_> {
         self.data.num_train() * self.config.augment.visits()
     }
 
-    fn batch(&self, epoch: u32, visits: &[usize]) -> Batch {
+    fn batch(&self, epoch: u32, visits: &[usize]) -> Result<Batch, TrainError> {
         let mut batch = Batch::default();
         for &visit in visits {
             let (sample, copy) = (visit % self.data.num_train(), visit / self.data.num_train());
             let name = format!("train/epoch/{epoch}/visit/{visit}");
             let augmented = self.config.augment.changes_visit(copy);
-            match self.prepare(self.data.train_sample(sample), augmented, &name) {
+            match self.prepare(self.data.train_sample(sample)?, augmented, &name) {
                 Ok((encoded, scores)) => {
                     batch.samples.push(encoded);
                     batch.scores.push(scores);
@@ -102,7 +91,7 @@ impl Task for BenbvTask<'_> {
                 Err(reason) => self.refuse(reason),
             }
         }
-        batch
+        Ok(batch)
     }
 
     fn size(batch: &Batch) -> (usize, usize) {
@@ -130,10 +119,11 @@ impl Task for BenbvTask<'_> {
         let (mut loss, mut terms) = (0.0, 0);
         let indices: Vec<usize> = (0..self.data.num_validation()).collect();
         for chunk in indices.chunks(VALIDATION_BATCH) {
-            let prepared: Vec<_> = chunk
-                .par_iter()
-                .map(|&i| self.prepare(self.data.validation_sample(i), false, &format!("validation/{i}")))
-                .collect();
+            let prepare = |&i: &usize| {
+                let sample = self.data.validation_sample(i)?;
+                Ok(self.prepare(sample, false, &format!("validation/{i}")))
+            };
+            let prepared = chunk.par_iter().map(prepare).collect::<Result<Vec<_>, TrainError>>()?;
             let mut batch = Batch::default();
             for result in prepared {
                 match result {

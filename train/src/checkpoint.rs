@@ -2,7 +2,8 @@
 //!
 //! `training.bpk` holds the weights with their parameter ids (the optimizer's state is keyed by those, and a set of
 //! weights loaded from `model.safetensors` would have fresh ones), `optimizer.bpk` the moments, `average.bpk` the
-//! moving average where there is one, `training.toml` everything else. The directory appears whole or not at all.
+//! moving average where there is one, `training.toml` everything else. The directory appears whole or not at all, and each
+//! of its files is held against `SHA256SUMS` when it is read.
 
 use crate::TrainError;
 use crate::schedule::{Best, ScheduleState};
@@ -11,8 +12,15 @@ use burn::store::ModuleRecord;
 use burn::tensor::Bytes;
 use model::checkpoint::Checkpoint;
 use model::published::Network;
+use model::sums::Sums;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+
+/// Names of the files.
+const WEIGHTS: &str = "training.bpk";
+const MOMENTS: &str = "optimizer.bpk";
+const AVERAGE: &str = "average.bpk";
+const STATE: &str = "training.toml";
 
 /// Version of `training.toml`.
 const SCHEMA_VERSION: u32 = 1;
@@ -92,32 +100,31 @@ pub fn save<N: Network>(
     info: &Checkpoint<N::Config>,
     state: &TrainingState,
 ) -> Result<(), TrainError> {
-    let problem = |e: &dyn std::fmt::Display| std::io::Error::other(e.to_string());
-    let text = toml::to_string(state).map_err(|e| TrainError::io("write", directory, problem(&e)))?;
-    model::checkpoint::save_with(directory, &learner.evaluated(), info, |staging| {
-        let write = |name: &str, bytes: Bytes| std::fs::write(staging.join(name), &bytes[..]);
-        write("training.bpk", learner.net.clone().into_record().into_bytes().map_err(|e| problem(&e))?)?;
-        write("optimizer.bpk", learner.optimizer.into_bytes().map_err(|e| problem(&e))?)?;
-        if let Some(average) = &learner.average {
-            write("average.bpk", average.clone().into_record().into_bytes().map_err(|e| problem(&e))?)?;
-        }
-        std::fs::write(staging.join("training.toml"), text.as_bytes())
-    })?;
-    Ok(())
+    let failed = |name: &str, e: &dyn std::fmt::Display| {
+        TrainError::io("write", &directory.join(name), std::io::Error::other(e.to_string()))
+    };
+    let text = toml::to_string(state).map_err(|e| failed(STATE, &e))?;
+    let weights = learner.net.clone().into_record().into_bytes().map_err(|e| failed(WEIGHTS, &e))?;
+    let moments = learner.optimizer.into_bytes().map_err(|e| failed(MOMENTS, &e))?;
+    let average = learner.average.clone().map(|average| average.into_record().into_bytes()).transpose();
+    let average = average.map_err(|e| failed(AVERAGE, &e))?;
+    let mut files = vec![(WEIGHTS, &weights[..]), (MOMENTS, &moments[..]), (STATE, text.as_bytes())];
+    files.extend(average.as_ref().map(|bytes| (AVERAGE, &bytes[..])));
+    Ok(model::checkpoint::save_with(directory, &learner.evaluated(), info, &files)?)
 }
 
 /// The directory, or where a crash came between the two renames of a save, the previous one beside it.
 fn surviving(directory: &Path) -> PathBuf {
     let aside = directory.file_name().map(|n| directory.with_file_name(format!(".{}.old", n.to_string_lossy())));
     match aside {
-        Some(aside) if !directory.exists() && aside.join("training.toml").exists() => aside,
+        Some(aside) if !directory.exists() && aside.join(STATE).exists() => aside,
         _ => directory.to_path_buf(),
     }
 }
 
 /// Whether a run can be resumed from here.
 pub fn exists(directory: &Path) -> bool {
-    surviving(directory).join("training.toml").exists()
+    surviving(directory).join(STATE).exists()
 }
 
 /// Removes what a killed save left behind. A save's staging directory ends in `.partial`.
@@ -132,8 +139,11 @@ pub fn remove_partial(parent: &Path) {
 
 /// Where the run in `directory` stands.
 pub fn load_state(directory: &Path) -> Result<TrainingState, TrainError> {
-    let path = surviving(directory).join("training.toml");
-    let text = std::fs::read_to_string(&path).map_err(|e| TrainError::io("read", &path, e))?;
+    let directory = surviving(directory);
+    let path = directory.join(STATE);
+    let bytes = std::fs::read(&path).map_err(|e| TrainError::io("read", &path, e))?;
+    Sums::read(&directory)?.check(STATE, &bytes)?;
+    let text = String::from_utf8_lossy(&bytes);
     let bad = |problem: String| TrainError::Checkpoint { path: path.clone(), problem };
     let state: TrainingState = toml::from_str(&text).map_err(|e| bad(e.to_string()))?;
     if state.schema_version != SCHEMA_VERSION {
@@ -148,12 +158,12 @@ pub fn load_state(directory: &Path) -> Result<TrainingState, TrainError> {
 /// Loads weights, moments and average into a learner of the same shape (fresh from the same settings).
 pub fn load_into<N: Network>(directory: &Path, learner: Learner<N>) -> Result<Learner<N>, TrainError> {
     let directory = surviving(directory);
+    let sums = Sums::read(&directory)?;
     let read = |name: &str| {
         let path = directory.join(name);
-        match std::fs::read(&path) {
-            Ok(bytes) => Ok((Bytes::from_bytes_vec(bytes), path)),
-            Err(e) => Err(TrainError::io("read", &path, e)),
-        }
+        let bytes = std::fs::read(&path).map_err(|e| TrainError::io("read", &path, e))?;
+        sums.check(name, &bytes)?;
+        Ok::<_, TrainError>((Bytes::from_bytes_vec(bytes), path))
     };
     let bad = |path: &Path, e: &dyn std::fmt::Display| TrainError::Checkpoint {
         path: path.to_path_buf(),
@@ -164,13 +174,13 @@ pub fn load_into<N: Network>(directory: &Path, learner: Learner<N>) -> Result<Le
         let record = ModuleRecord::from_bytes(bytes).map_err(|e| bad(&path, &e))?;
         Ok::<_, TrainError>((record, path))
     };
-    let (weights, path) = record("training.bpk")?;
+    let (weights, path) = record(WEIGHTS)?;
     let net = learner.net.try_load_record(weights).map_err(|e| bad(&path, &e))?;
-    let (moments, path) = read("optimizer.bpk")?;
+    let (moments, path) = read(MOMENTS)?;
     let optimizer = learner.optimizer.from_bytes(moments).map_err(|e| bad(&path, &e))?;
     let average = match learner.average {
         Some(average) => {
-            let (weights, path) = record("average.bpk")?;
+            let (weights, path) = record(AVERAGE)?;
             Some(average.try_load_record(weights).map_err(|e| bad(&path, &e))?)
         }
         None => None,

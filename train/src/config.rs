@@ -285,20 +285,29 @@ impl TrainConfig {
             TrainError::setting(key, found, expected)
         }
         self.network.validate().map_err(|text| bad("network", "sizes as given", text.to_string()))?;
-        let least_one = [
-            ("epochs", u64::from(self.epochs)),
-            ("batch", self.batch as u64),
-            ("accumulation", self.accumulation as u64),
-            ("loader.ready", self.loader.ready as u64),
-            ("pc_nbv.objects", self.pc_nbv.objects as u64),
-            ("pc_nbv.validation_objects", self.pc_nbv.validation_objects as u64),
-            ("pc_nbv.starts", self.pc_nbv.starts as u64),
-            ("pc_nbv.steps", self.pc_nbv.steps as u64),
-            ("schedule.step_epochs", u64::from(self.schedule.step_epochs)),
+        // The least and the most: a mistyped number must not ask for all memory there is.
+        let counts = [
+            ("epochs", u64::from(self.epochs), 1, u64::from(u32::MAX)),
+            ("batch", self.batch as u64, 1, 1 << 20),
+            ("accumulation", self.accumulation as u64, 1, 1 << 20),
+            ("augment.copies", u64::from(self.augment.copies), 0, 10_000),
+            ("loader.ready", self.loader.ready as u64, 1, 1024),
+            ("loader.workers", self.loader.workers as u64, 0, 1024),
+            ("episodes.objects", self.episodes.objects as u64, 0, 1 << 20),
+            ("episodes.views", self.episodes.views as u64, 0, 10_000),
+            ("pc_nbv.points", self.pc_nbv.points as u64, 1, 1 << 20),
+            ("pc_nbv.objects", self.pc_nbv.objects as u64, 1, 1 << 20),
+            ("pc_nbv.validation_objects", self.pc_nbv.validation_objects as u64, 1, 1 << 20),
+            ("pc_nbv.starts", self.pc_nbv.starts as u64, 1, 10_000),
+            ("pc_nbv.steps", self.pc_nbv.steps as u64, 1, 10_000),
+            ("schedule.step_epochs", u64::from(self.schedule.step_epochs), 1, u64::from(u32::MAX)),
         ];
-        for (key, value) in least_one {
-            if value == 0 {
-                return Err(bad(key, value, "expected at least 1"));
+        for (key, value, least, most) in counts {
+            if value < least {
+                return Err(bad(key, value, format!("expected at least {least}")));
+            }
+            if value > most {
+                return Err(bad(key, value, format!("expected at most {most}")));
             }
         }
         if self.accumulation > self.batch {

@@ -2,23 +2,35 @@
 
 use crate::TrainError;
 use formats::frame_history::Frame;
-use formats::{Fate, Manifest, Sample, ShardReader, Split};
+use formats::{Fate, Manifest, ObjectRecord, Sample, ShardReader, Split};
 use geometry::density::densities;
 use geometry::rng::stream;
 use planning::CandidateView;
 use rand::seq::SliceRandom;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Neighbours that the density is taken over (docs/method.md, 'Network input and output').
 const DENSITY_NEIGHBORS: usize = 30;
 
-/// A data set on disk, its shards memory-mapped.
+/// A data set on disk; samples are read when they are asked for.
 #[derive(Debug)]
 pub struct Dataset {
     name: String,
     sources: Vec<Source>,
     train: Vec<Place>,
     validation: Vec<Place>,
+    objects: Vec<Named>,
+}
+
+/// An object of a set and what it is for there.
+#[derive(Clone, Debug)]
+struct Named {
+    /// Tells objects apart over several sets.
+    identity: String,
+    split: Split,
+    set: PathBuf,
 }
 
 #[derive(Debug)]
@@ -52,7 +64,8 @@ impl Dataset {
     ///
     /// # Errors
     ///
-    /// Unreadable files; an incomplete set; fewer than two objects.
+    /// Unreadable or damaged files; an incomplete set; a shard of another set; fewer than two objects; not one sample that
+    /// can be used.
     pub fn open(path: &Path, fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
         if path.join(formats::manifest::MANIFEST).exists() {
             Self::open_shards(path, fraction, seed)
@@ -67,9 +80,35 @@ impl Dataset {
     ///
     /// As [`Dataset::open`]; no set at all.
     pub fn open_all(paths: &[PathBuf], fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
+        let mut real = BTreeMap::new();
+        for path in paths {
+            if let Some(other) = real.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone()), path) {
+                let problem = format!("it is the same set as {other:?}");
+                return Err(unfit(path, problem, "name each set once"));
+            }
+        }
         let mut sets = paths.iter().map(|path| Self::open(path, fraction, seed));
         let first = sets.next().ok_or_else(|| TrainError::NoData { searched: "no data set is named".into() })??;
-        sets.try_fold(first, |joined, set| Ok(joined.join(set?)))
+        let all = sets.try_fold(first, |joined, set| set.map(|set| joined.join(set)))?;
+        all.check_splits()?;
+        Ok(all)
+    }
+
+    /// Objects are split, never samples: what one set holds out, another must not train on.
+    fn check_splits(&self) -> Result<(), TrainError> {
+        let mut trained = BTreeMap::new();
+        for object in self.objects.iter().filter(|o| o.split == Split::Train) {
+            trained.insert(&object.identity, object);
+        }
+        let both = |o: &&Named| o.split != Split::Train && trained.contains_key(&o.identity);
+        let Some(held) = self.objects.iter().find(both) else { return Ok(()) };
+        let (count, here) = (self.objects.iter().filter(both).count(), &trained[&held.identity].set);
+        let problem = format!(
+            "{} is for {} here and for training in {here:?} ({count} such objects)",
+            held.identity,
+            if held.split == Split::Test { "test" } else { "validation" }
+        );
+        Err(unfit(&held.set, problem, "make the sets with the same --seed and validation_share, or of other objects"))
     }
 
     fn join(mut self, other: Dataset) -> Dataset {
@@ -77,6 +116,7 @@ impl Dataset {
         self.train.extend(other.train.into_iter().map(moved));
         self.validation.extend(other.validation.into_iter().map(moved));
         self.sources.extend(other.sources);
+        self.objects.extend(other.objects);
         self.name = format!("{} + {}", self.name, other.name);
         self
     }
@@ -85,11 +125,8 @@ impl Dataset {
         let manifest = Manifest::read(path)?;
         let missing = missing(&manifest);
         if missing > 0 {
-            return Err(TrainError::Data {
-                path: path.to_path_buf(),
-                problem: format!("{missing} of {} objects are not made yet", manifest.objects.len()),
-                way_out: "finish the set by starting the same `datagen` command again".into(),
-            });
+            let problem = format!("{missing} of {} objects are not made yet", manifest.objects.len());
+            return Err(unfit(path, problem, "finish the set by starting the same `datagen` command again"));
         }
         let name = format!(
             "{} (settings {}, seed {}, {} samples)",
@@ -98,18 +135,35 @@ impl Dataset {
             manifest.seed,
             manifest.num_samples()
         );
-        let mut train = manifest.open(path, Split::Train)?;
-        let mut validation = manifest.open(path, Split::Validation)?;
+        // Objects of a built-in family differ with its seed; those of other sets are known by name.
+        let family = if manifest.dataset == "procedural" { format!(", seed {}", manifest.seed) } else { String::new() };
+        let named = |record: &ObjectRecord, split: Split| Named {
+            identity: format!("{:?} of {}{family}", record.object, manifest.dataset),
+            split,
+            set: path.to_path_buf(),
+        };
+        let mut objects: Vec<Named> = manifest.objects.iter().map(|r| named(r, r.split)).collect();
+        let open = |split: Split| -> Result<Vec<(usize, Source)>, TrainError> {
+            let records: Vec<usize> = (0..objects.len()).filter(|&i| manifest.objects[i].split == split).collect();
+            let opened = records.into_par_iter().filter_map(|i| {
+                let reader = manifest.open(path, &manifest.objects[i]).map_err(TrainError::from).transpose()?;
+                Some(reader.map(|reader| (i, Source::Shard(Box::new(reader)))))
+            });
+            opened.collect()
+        };
+        let mut train = open(Split::Train)?;
+        let mut validation = open(Split::Validation)?;
         if validation.is_empty() {
             let held = held_out(train.len(), fraction, seed);
             let (mut kept, mut out) = (Vec::new(), Vec::new());
-            for (i, reader) in train.into_iter().enumerate() {
-                if held.contains(&i) { out.push(reader) } else { kept.push(reader) }
+            for (i, shard) in train.into_iter().enumerate() {
+                if held.contains(&i) { out.push(shard) } else { kept.push(shard) }
             }
+            out.iter().for_each(|&(i, _)| objects[i].split = Split::Validation);
             (train, validation) = (kept, out);
         }
-        let shards = |readers: Vec<ShardReader>| readers.into_iter().map(|r| Source::Shard(Box::new(r))).collect();
-        Self::new(path, name, shards(train), shards(validation))
+        let sources = |list: Vec<(usize, Source)>| list.into_iter().map(|(_, source)| source).collect();
+        Self::new(path, name, sources(train), sources(validation), objects)
     }
 
     fn open_frames(path: &Path, fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
@@ -123,30 +177,43 @@ impl Dataset {
             ));
         }
         let held = held_out(objects.len(), fraction, seed);
-        let (mut train, mut validation) = (Vec::new(), Vec::new());
-        for (i, source) in objects.into_iter().enumerate() {
-            if held.contains(&i) { validation.push(source) } else { train.push(source) }
+        let (mut train, mut validation, mut named) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, (source, file)) in objects.into_iter().zip(&files).enumerate() {
+            let split = if held.contains(&i) { Split::Validation } else { Split::Train };
+            let identity = format!("{:?} of frame-history", file.file_stem().unwrap_or_default());
+            named.push(Named { identity, split, set: path.to_path_buf() });
+            if split == Split::Validation { validation.push(source) } else { train.push(source) }
         }
-        Self::new(path, format!("{} frame histories", files.len()), train, validation)
+        Self::new(path, format!("{} frame histories", files.len()), train, validation, named)
     }
 
-    fn new(path: &Path, name: String, train: Vec<Source>, validation: Vec<Source>) -> Result<Dataset, TrainError> {
+    fn new(
+        path: &Path,
+        name: String,
+        train: Vec<Source>,
+        validation: Vec<Source>,
+        named: Vec<Named>,
+    ) -> Result<Dataset, TrainError> {
         let objects = train.len();
         let sources: Vec<Source> = train.into_iter().chain(validation).collect();
         let places = |range: std::ops::Range<usize>| -> Vec<Place> {
             range.flat_map(|source| (0..sources[source].len()).map(move |index| Place { source, index })).collect()
         };
         let (train, validation) = (places(0..objects), places(objects..sources.len()));
-        for (what, list) in [("training", &train), ("validation", &validation)] {
+        let set = Dataset { name, sources, train, validation, objects: named };
+        for (what, list) in [("training", &set.train), ("validation", &set.validation)] {
             if list.is_empty() {
-                return Err(TrainError::Data {
-                    path: path.to_path_buf(),
-                    problem: format!("no {what} samples in {} objects", sources.len()),
-                    way_out: "make a set of at least two usable objects with `datagen`".into(),
-                });
+                let problem = format!("no {what} samples in {} objects", set.sources.len());
+                return Err(unfit(path, problem, "make a set of at least two usable objects with `datagen`"));
+            }
+            let problems = list.par_iter().map(|place| Ok(check(&set.sample(*place)?).err()));
+            let problems: Vec<Option<String>> = problems.collect::<Result<_, TrainError>>()?;
+            if let (Some(Some(first)), true) = (problems.first(), problems.iter().all(Option::is_some)) {
+                let problem = format!("not one of {} {what} samples can be used: {first}", list.len());
+                return Err(unfit(path, problem, "make the set anew with `datagen`"));
             }
         }
-        Ok(Dataset { name, sources, train, validation })
+        Ok(set)
     }
 
     /// Names the set: where its samples come from, not where it lies.
@@ -165,21 +232,44 @@ impl Dataset {
     }
 
     /// Training sample `i`.
-    pub fn train_sample(&self, i: usize) -> Sample {
+    ///
+    /// # Errors
+    /// Its file changed since the set was opened, or cannot be read any more.
+    pub fn train_sample(&self, i: usize) -> Result<Sample, TrainError> {
         self.sample(self.train[i])
     }
 
     /// Validation sample `i`.
-    pub fn validation_sample(&self, i: usize) -> Sample {
+    ///
+    /// # Errors
+    /// As [`Dataset::train_sample`].
+    pub fn validation_sample(&self, i: usize) -> Result<Sample, TrainError> {
         self.sample(self.validation[i])
     }
 
-    fn sample(&self, place: Place) -> Sample {
-        match &self.sources[place.source] {
-            Source::Shard(reader) => reader.sample(place.index),
+    fn sample(&self, place: Place) -> Result<Sample, TrainError> {
+        Ok(match &self.sources[place.source] {
+            Source::Shard(reader) => reader.sample(place.index)?,
             Source::Frames(samples) => samples[place.index].clone(),
-        }
+        })
     }
+}
+
+/// Why a sample cannot be trained on.
+///
+/// # Errors
+/// What is wrong with it, with its name.
+pub fn check(sample: &Sample) -> Result<(), String> {
+    let name = format!("{} decision {}", sample.object, sample.scan_index);
+    if sample.candidates.is_empty() || sample.cloud.is_empty() {
+        let what = if sample.cloud.is_empty() { "an empty cloud" } else { "no candidate view" };
+        return Err(format!("{name}: {what}"));
+    }
+    sample.check().map_err(|odd| format!("{name}: {odd}"))
+}
+
+fn unfit(path: &Path, problem: String, way_out: &str) -> TrainError {
+    TrainError::Data { path: path.to_path_buf(), problem, way_out: way_out.into() }
 }
 
 /// A decision of the authors' files. They keep no density: it is taken on the whole cloud, as in planning.
@@ -249,11 +339,9 @@ fn held_out(objects: usize, fraction: f64, seed: u64) -> Vec<usize> {
 }
 
 fn frame_files(path: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let no_data = |problem: String| TrainError::Data {
-        path: path.to_path_buf(),
-        problem,
-        way_out: "give --data a directory that `datagen` made (it has a manifest.json), or one with .bin files".into(),
-    };
+    const WAY_OUT: &str =
+        "give --data a directory that `datagen` made (it has a manifest.json), or one with .bin files";
+    let no_data = |problem: String| unfit(path, problem, WAY_OUT);
     if path.is_file() {
         return Ok(vec![path.to_path_buf()]);
     }

@@ -15,6 +15,7 @@ pub mod error;
 pub mod gradient;
 pub mod loader;
 pub mod metrics;
+pub mod origin;
 pub mod pc_nbv;
 pub mod pc_nbv_data;
 pub mod schedule;

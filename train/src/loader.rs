@@ -23,7 +23,7 @@ pub fn epoch_plan(seed: u64, epoch: u32, visits: usize, batch: usize, parts: usi
 
 /// Batches of one epoch in order, each a list of parts.
 pub struct Loader<B> {
-    queues: Vec<Receiver<Vec<B>>>,
+    queues: Vec<Receiver<Result<Vec<B>, TrainError>>>,
     next: usize,
 }
 
@@ -64,7 +64,9 @@ impl<B: Send> Loader<B> {
     pub fn next_batch(&mut self) -> Result<Vec<B>, TrainError> {
         let queue = &self.queues[self.next];
         self.next = (self.next + 1) % self.queues.len();
-        queue.recv().map_err(|_| TrainError::Loader("its thread panicked; the panic's message is above".into()))
+        queue
+            .recv()
+            .unwrap_or_else(|_| Err(TrainError::Loader("its thread panicked; the panic's message is above".into())))
     }
 }
 

@@ -3,7 +3,8 @@
 use anyhow::{Context, bail};
 use clap::{Args, Parser, Subcommand};
 use formats::Flag;
-use formats::program::{self, CommonArgs};
+use formats::lock::{LOCK, try_lock};
+use formats::program::{self, CommonArgs, EXIT_CODES};
 use formats::run::{RunDir, new_run_path};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,14 +15,18 @@ use train::data::newest_set;
 use train::pc_nbv::{GainSet, PcNbvTask};
 use train::{BenbvTask, Dataset, Outcome, Run, Task, TrainConfig};
 
+const EXAMPLES: &str = "\
+Example: datagen --dataset procedural --out runs/data/first && train --config configs/tiny/train.toml --out runs/train/first
+Watch: open index.html in the run's directory, or `tensorboard --logdir runs/train`.
+
+A stopped run goes on with the same command where that names its directory with --out, and with --resume. ";
+
 /// Trains a network that chooses the next best view.
 #[derive(Parser)]
 #[command(
-    version,
+    version = built::VERSION,
     args_conflicts_with_subcommands = true,
-    after_help = "Example: datagen --dataset procedural --out runs/data/first && train --config configs/tiny/train.toml\n\
-                  Watch: open index.html in the run's directory, or `tensorboard --logdir runs/train`.\n\
-                  Exit codes: 0 done, 1 error, 2 wrong usage, 130 stopped."
+    after_help = format!("{EXAMPLES}{EXIT_CODES}")
 )]
 struct Cli {
     #[command(subcommand)]
@@ -44,11 +49,11 @@ struct TrainArgs {
     /// Data set (may be repeated: their samples are joined); without it the newest complete one under runs/data
     #[arg(long, value_name = "DIR")]
     data: Vec<PathBuf>,
-    /// Directory of the run [default: runs/train/<time>; with --resume the newest run there]
+    /// Directory of the run; a run that is there goes on [default: runs/train/<time>; with --resume the newest run there]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on where the run in --out stopped, with its settings
-    #[arg(long)]
+    /// Go on where the run in --out stopped, with the settings that it was started with
+    #[arg(long, conflicts_with = "config")]
     resume: bool,
     /// Passes over the data
     #[arg(long)]
@@ -88,7 +93,7 @@ impl TrainArgs {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = program::parse();
     cli.train.common.start_messages(["warn,train=info", "warn,train=debug", "warn,train=trace"]);
     program::finish(match &cli.command {
         Some(Command::Convert(args)) => train::convert::convert(args).map(|()| ExitCode::SUCCESS).map_err(Into::into),
@@ -104,34 +109,41 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
         (None, true) => formats::run::newest(base, "latest/training.toml")
             .with_context(|| format!("no run to resume in {base:?}; name it with --out DIR"))?,
     };
-    let started = train::checkpoint::exists(&dir.join("latest"));
-    if args.resume && !started {
+    if args.resume && !train::checkpoint::exists(&dir.join("latest")) {
         bail!("{dir:?} holds no run to resume (no latest/training.toml); leave out --resume to start one there");
     }
-    if started && !args.resume {
-        bail!("{dir:?} holds a run already; go on with --resume, or name another directory with --out");
-    }
     let mut common = args.common.clone();
-    if args.resume && common.config.replace(dir.join("config.toml")).is_some() {
-        bail!("--resume takes the settings of the run; leave out --config");
+    if args.resume {
+        let stored = dir.join("config.toml");
+        formats::config::check_stored(&stored)?;
+        common.config = Some(stored);
     }
     let mut config: TrainConfig = common.settings(args.flags())?;
     config.validate()?;
+    if config.kind == NetworkKind::PcNbv && !(args.data.is_empty() && args.points.is_none()) {
+        program::misuse::<Cli>(
+            "pc-nbv makes its own data, of pc_nbv.points points: --data and --points do nothing for it",
+        );
+    }
     common.start_threads()?;
+    model::device::open(&config.device)?;
     let data = open_data(&mut config)?;
-    let mut run_dir = RunDir::create(&dir, "train", &config)?;
+    // Nothing is written before all that can be wrong with a start is known.
+    let _lock = try_lock(&dir, LOCK, "train")?;
+    let resume = train::checkpoint::exists(&dir.join("latest"));
+    if resume {
+        match &data {
+            Data::Decisions(data) => train::origin::resumable(&BenbvTask::new(&config, data), &config, &dir)?,
+            Data::Gains(data) => train::origin::resumable(&PcNbvTask::new(&config, data), &config, &dir)?,
+        };
+    }
+    let mut run_dir = RunDir::create(&dir, "train", built::COMMIT, &config)?;
     // Asked twice it ends at once; the last checkpoint stays whole.
     let stop = program::stop_when_asked("stopping after this step (again: at once)")?;
     tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));
     let halt = |_| stop.load(Ordering::SeqCst);
     let run = |data: String| -> anyhow::Result<Run> {
-        Ok(Run {
-            dir: &dir,
-            resume: args.resume,
-            quiet: false,
-            stop: &halt,
-            provenance: provenance(&run_dir, &config, data)?,
-        })
+        Ok(Run { dir: &dir, resume, quiet: false, stop: &halt, provenance: provenance(&run_dir, &config, data)? })
     };
     let outcome = match &data {
         Data::Decisions(data) => train::train(&BenbvTask::new(&config, data), &config, &run(data.name().to_string())?),
@@ -140,12 +152,15 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
             train::train(&task, &config, &run(task.data_name())?)
         }
     };
-    run_dir.finish(match &outcome {
+    let noted = run_dir.finish(match &outcome {
         Ok(o) if o.finished => "finished",
         Ok(_) => "stopped",
         Err(_) => "failed",
-    })?;
-    report(&outcome?, &dir, args.json)
+    });
+    // What ended the run comes first: on a full disk its end cannot be noted either.
+    let outcome = outcome?;
+    noted?;
+    report(&outcome, &dir, args.json)
 }
 
 enum Data {

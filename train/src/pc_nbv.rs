@@ -151,12 +151,12 @@ impl Task for PcNbvTask<'_> {
         self.data.train.len()
     }
 
-    fn batch(&self, epoch: u32, visits: &[usize]) -> Batch {
+    fn batch(&self, epoch: u32, visits: &[usize]) -> Result<Batch, TrainError> {
         let mut batch = Batch::default();
         for &v in visits {
             self.push(&mut batch, &self.data.train[v], &format!("train/epoch/{epoch}/visit/{v}"));
         }
-        batch
+        Ok(batch)
     }
 
     fn size(batch: &Batch) -> (usize, usize) {

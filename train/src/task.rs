@@ -24,7 +24,10 @@ pub trait Task: Sync {
     fn visits(&self) -> usize;
 
     /// The samples of these visits. Those that cannot be used are left out; why is said by [`Task::refusals`].
-    fn batch(&self, epoch: u32, visits: &[usize]) -> Self::Batch;
+    ///
+    /// # Errors
+    /// Data that cannot be read any more.
+    fn batch(&self, epoch: u32, visits: &[usize]) -> Result<Self::Batch, TrainError>;
 
     /// Samples of a batch, and the number of terms in its loss (its weight beside other batches).
     fn size(batch: &Self::Batch) -> (usize, usize);

@@ -5,6 +5,7 @@ use crate::checkpoint::{self, Learner, TrainingState};
 use crate::config::{OptimizerKind, TrainConfig};
 use crate::gradient::{self, Statistics};
 use crate::loader::{Loader, epoch_plan, worker_count};
+use crate::origin::{decisive_settings, resumable};
 use crate::schedule::Schedule;
 use crate::task::Task;
 use crate::watch::{EpisodesRecord, EpochRecord, Record, StepRecord, Watch};
@@ -68,8 +69,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
     let mut learner = fresh_learner::<T>(task, config, &device)?;
     let mut state = TrainingState::fresh(settings.clone(), task.data_name(), fresh.state());
     if run.resume {
-        state = checkpoint::load_state(&latest)?;
-        check_origin(&state, &settings, &task.data_name(), &latest)?;
+        state = resumable(task, config, run.dir)?;
         learner = checkpoint::load_into(&latest, learner)?;
     }
     checkpoint::remove_partial(run.dir);
@@ -167,7 +167,14 @@ fn train_epoch<T: Task>(
                 return Ok(None);
             }
             let began = Instant::now();
-            let parts = loader.next_batch()?;
+            let parts = match loader.next_batch() {
+                Ok(parts) => parts,
+                // What was learnt so far is sound, whatever became of the data.
+                Err(error) => {
+                    checkpoint::save(&latest, learner, &Checkpoint { step: state.step, ..info.clone() }, state)?;
+                    return Err(error);
+                }
+            };
             let wait_seconds = began.elapsed().as_secs_f64();
             for text in task.refusals() {
                 watch.message(state.step, text)?;
@@ -325,37 +332,6 @@ fn optimizer(config: &TrainConfig) -> ModuleOptimizer {
                 .init()
         }
     }
-}
-
-/// Hash of the settings that decide the weights of a step; a resumed run may change the others.
-fn decisive_settings(config: &TrainConfig) -> Result<String, TrainError> {
-    let other = TrainConfig::default();
-    let decisive = TrainConfig {
-        data: other.data,
-        epochs: 1,
-        device: other.device,
-        validation: config.validation.clone(),
-        episodes: other.episodes,
-        checkpoint: other.checkpoint,
-        loader: other.loader,
-        ..config.clone()
-    };
-    Ok(formats::config::hash(&decisive).map_err(formats::run::RunError::from)?)
-}
-
-fn check_origin(state: &TrainingState, settings: &str, data: &str, latest: &Path) -> Result<(), TrainError> {
-    let refuse = |problem: String| Err(TrainError::Checkpoint { path: latest.to_path_buf(), problem });
-    if state.settings != settings {
-        return refuse(
-            "it was made with other settings; resume with those in config.toml beside it (only epochs, device, episodes, \
-             checkpoint and loader may change), or start a new run in another --out"
-                .into(),
-        );
-    }
-    if state.data != data {
-        return refuse(format!("it was trained on {}, not on {data}; name that set with --data", state.data));
-    }
-    Ok(())
 }
 
 fn note_quality<C>(info: &mut Checkpoint<C>, validation: &crate::task::Validation) {

@@ -9,6 +9,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+/// By `--resume`, or by the same command again.
 fn start(data: &Path, out: &Path, resume: bool) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_train"));
     command.arg("--out").arg(out).stdout(Stdio::null()).stderr(Stdio::null());
@@ -38,7 +39,7 @@ fn kill_9_at_any_moment_loses_no_checkpoint() {
     let mut kills = 0;
     let mut last = 0;
     loop {
-        let mut child = start(&data, &out, train::checkpoint::exists(&latest));
+        let mut child = start(&data, &out, kills % 2 == 1);
         let patience = Instant::now();
         // Let it get at least one step further, then strike at a random moment of the next saves.
         let ended = loop {
@@ -88,7 +89,17 @@ fn wrong_use_is_explained() {
     assert!(say(&["--resume"]).contains("no run to resume"));
     assert!(say(&["--set", "optimizer.rat=1"]).contains("unknown field `rat`"));
     assert!(say(&["--batch", "0"]).contains("setting batch = 0: expected at least 1"));
-    assert!(say(&["--device", "abacus", "--data", "."]).contains("no data in it"));
+    assert!(say(&["--device", "abacus", "--data", "."]).contains("abacus"));
+    assert!(say(&["--data", "."]).contains("no data in it"));
+    assert!(say(&["--network", "pc-nbv", "--data", "."]).contains("makes its own data"));
+    assert!(say(&["--lr", "-1"]).contains("optimizer.rate = -1"));
+    assert!(say(&["--resume", "--config", "a.toml"]).contains("cannot be used with"));
+    common::plain_set(&tmp.path().join("data"), 2, 1);
+    let held = formats::lock::try_lock(&tmp.path().join("held"), formats::lock::LOCK, "another run").expect("free");
+    let text = say(&["--data", "data", "--out", "held"]);
+    assert!(text.contains("\"held\" is in use") && text.contains("another run"), "{text}");
+    drop(held);
+    assert!(!tmp.path().join("runs").exists(), "nothing is made by a start that fails");
     let text = say(&["convert", "nothing.pth", "out"]);
     assert!(text.contains("nothing.pth"), "{text}");
 }

@@ -8,6 +8,7 @@ use formats::Split;
 use formats::frame_history::{Frame, write_frame_history};
 use geometry::View;
 use nalgebra::Point3;
+use rand::RngExt;
 use std::collections::BTreeMap;
 use std::path::Path;
 use train::augment::AugmentConfig;
@@ -153,12 +154,13 @@ fn bad_samples_are_left_out_and_said() {
     }
     assert!(!String::from_utf8_lossy(&weights(&dir)).is_empty());
 
-    // Nothing but bad samples: training ends with an error instead of going round for nothing.
+    // Nothing but bad samples: refused before training starts.
     let hopeless = tmp.path().join("hopeless");
     write_set(&hopeless, &[("a", Split::Train, bad_only), ("b", Split::Validation, vec![sample("b", 0, 8)])]);
     config.epochs = 30;
     let text = run(&config, &hopeless, &tmp.path().join("run2")).expect_err("nothing to learn from").to_string();
-    assert!(text.contains("in a row"), "{text}");
+    assert!(text.contains("not one of 2 training samples can be used: a decision 0: point 3"), "{text}");
+    assert!(!tmp.path().join("run2").exists(), "nothing is made by a start that fails");
 }
 
 #[test]
@@ -229,7 +231,7 @@ fn an_independently_written_frame_history_is_data() {
     assert_eq!((set.num_train(), set.num_validation()), (3, 3));
     let (mut sizes, frames) = (Vec::new(), formats::frame_history::read_frame_history(recorded).expect("read"));
     for i in 0..3 {
-        let sample = set.train_sample(i);
+        let sample = set.train_sample(i).expect("read");
         sizes.push(sample.cloud.len());
         assert_eq!(sample.scores.len(), 20);
         let best = |scores: &[f64]| (0..20).max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
@@ -262,15 +264,88 @@ fn several_sets_are_joined() {
     assert_eq!(both.num_train(), alone.num_train() + 5);
     assert_eq!(both.num_validation(), alone.num_validation() + 1);
     for i in 0..alone.num_train() {
-        assert_eq!(both.train_sample(i), alone.train_sample(i));
+        assert_eq!(both.train_sample(i).expect("read"), alone.train_sample(i).expect("read"));
     }
-    let added = |i| both.train_sample(alone.num_train() + i);
+    let added = |i| both.train_sample(alone.num_train() + i).expect("read");
     assert!((0..5).all(|i| added(i).object == "other" && added(i).scan_index == i));
-    assert_eq!(both.validation_sample(alone.num_validation()).object, "held");
+    assert_eq!(both.validation_sample(alone.num_validation()).expect("read").object, "held");
     assert!(both.name().starts_with(&format!("{} + ", alone.name())), "{}", both.name());
     let text =
         Dataset::open_all(&[second, tmp.path().join("none")], 0.2, 1).expect_err("the second is none").to_string();
     assert!(text.contains("none"), "{text}");
+}
+
+#[test]
+fn shards_of_another_set_and_held_out_objects_are_refused() {
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let (first, second) = (tmp.path().join("first"), tmp.path().join("second"));
+    let held = vec![sample("held", 0, 8)];
+    write_set(&first, &[("a", Split::Train, vec![sample("a", 0, 8)]), ("held", Split::Validation, held.clone())]);
+    let renamed = |name: &str| vec![sample(name, 0, 8)];
+    write_set(&second, &[("held", Split::Train, renamed("held")), ("b", Split::Validation, renamed("b"))]);
+    let text = Dataset::open_all(&[first.clone(), second.clone()], 0.2, 1).expect_err("held out").to_string();
+    assert!(text.contains("\"held\" of synthetic is for validation here and for training in"), "{text}");
+    let text = Dataset::open_all(&[first.clone(), first.join(".")], 0.2, 1).expect_err("twice").to_string();
+    assert!(text.contains("the same set as"), "{text}");
+
+    // The shard of another seed, of other settings, or with other samples.
+    let good = std::fs::read(first.join("a.safetensors")).expect("bytes");
+    let shard = |edit: &dyn Fn(&mut formats::ShardMetadata)| {
+        let reader = formats::ShardReader::open(&first.join("a.safetensors")).expect("opened");
+        let mut metadata = reader.metadata().clone();
+        edit(&mut metadata);
+        let mut writer = formats::ShardWriter::new(metadata, formats::CloudPrecision::F32);
+        writer.push(&reader.sample(0).expect("read")).expect("pushed");
+        writer.write(&first.join("a.safetensors")).expect("written");
+        let text = Dataset::open(&first, 0.2, 1).expect_err("another set's").to_string();
+        assert!(text.contains("a.safetensors") && text.contains("another set"), "{text}");
+        std::fs::write(first.join("a.safetensors"), &good).expect("written");
+    };
+    shard(&|m| m.seed = 8);
+    shard(&|m| m.config_hash = "other".into());
+    shard(&|m| m.objects[0].split = Split::Validation);
+    Dataset::open(&first, 0.2, 1).expect("as it was");
+    let mut bad = good.clone();
+    bad[good.len() / 2] ^= 1;
+    std::fs::write(first.join("a.safetensors"), &bad).expect("written");
+    let text = Dataset::open(&first, 0.2, 1).expect_err("damaged").to_string();
+    assert!(text.contains("damaged") && text.contains("a.safetensors"), "{text}");
+}
+
+#[test]
+fn every_flipped_bit_of_a_run_is_noticed() {
+    let _turn = one_at_a_time();
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let (data, dir) = (tmp.path().join("data"), tmp.path().join("run"));
+    plain_set(&data, 2, 1);
+    let mut config = tiny_config();
+    config.optimizer.average_decay = 0.9;
+    run_until(&config, &data, &dir, false, 1).expect("begun");
+    let set = Dataset::open(&data, 0.2, config.seed).expect("opened");
+    let task = BenbvTask::new(&config, &set);
+    let resume = || {
+        let stop = |_| true;
+        let run = Run { dir: &dir, resume: true, quiet: true, stop: &stop, provenance: BTreeMap::new() };
+        train::train(&task, &config, &run)
+    };
+    let mut rng = geometry::rng::stream(4, "test/flips");
+    for name in ["training.bpk", "optimizer.bpk", "average.bpk", "training.toml", "SHA256SUMS"] {
+        let file = dir.join("latest").join(name);
+        let good = std::fs::read(&file).expect("bytes");
+        for _ in 0..200 {
+            let (byte, bit) = (rng.random_range(0..good.len()), rng.random_range(0..8));
+            let mut bad = good.clone();
+            bad[byte] ^= 1 << bit;
+            std::fs::write(&file, &bad).expect("written");
+            match resume() {
+                Err(error) => assert!(error.to_string().contains("latest"), "{error}"),
+                // Nothing that is read stands on the lines of the weights for others.
+                Ok(_) => assert_eq!(name, "SHA256SUMS", "bit {bit} of byte {byte}"),
+            }
+            std::fs::write(&file, &good).expect("written");
+        }
+    }
+    resume().expect("sound again");
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! Any tree of meshes; the folder of a mesh is its category.
 
 use super::{DatasetError, Found, describe, entries, extension};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Deeper trees are links that go in circles.
@@ -18,14 +17,6 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
             layout: "a tree of .off, .obj, .ply or .stl files",
             source_of_data: "any meshes will do",
         });
-    }
-    // `a.obj` beside `a.stl`: both keep their ending.
-    let mut uses = BTreeMap::<String, usize>::new();
-    for f in &found {
-        *uses.entry(f.name.clone()).or_default() += 1;
-    }
-    for f in found.iter_mut().filter(|f| uses[&f.name] > 1) {
-        f.name = format!("{}.{}", f.name, extension(&f.path));
     }
     found.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(found)

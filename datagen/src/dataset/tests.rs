@@ -81,6 +81,31 @@ fn folder_takes_any_tree() {
 }
 
 #[test]
+fn names_stay_apart_on_every_disk() {
+    let dir = tempfile::tempdir().unwrap();
+    let config = DatasetConfig { name: DatasetName::Folder, root: Some(dir.path().into()), ..Default::default() };
+    put(dir.path(), &["a.off", "a.OFF", "b.obj", "b.stl", "b.obj.off", "C/x.off", "c/X.off", "d.safetensors/y.off"]);
+    let long = "n".repeat(240);
+    put(dir.path(), &[&format!("{long}.off"), &format!("{long}.OFF")]);
+    #[cfg(target_os = "linux")]
+    for byte in [0xfe, 0xff] {
+        use std::os::unix::ffi::OsStrExt;
+        let name = [b"odd", &[byte][..], b".off"].concat();
+        std::fs::write(dir.path().join(std::ffi::OsStr::from_bytes(&name)), GLUED).unwrap();
+    }
+    let all = names(&config);
+    assert_eq!(all, names(&config), "the same every time");
+    let mut lower: Vec<String> = all.iter().map(|name| name.to_lowercase()).collect();
+    lower.sort();
+    lower.dedup();
+    assert_eq!(lower.len(), if cfg!(target_os = "linux") { 12 } else { 10 }, "{all:?}");
+    assert_eq!(all.iter().filter(|n| n.starts_with("a.off~")).count(), 2, "{all:?}");
+    assert!(all.contains(&"b.stl".to_owned()), "{all:?}");
+    let parts = all.iter().flat_map(|name| name.split('/'));
+    assert!(parts.clone().all(|part| part.len() < 200 && !part.ends_with(".safetensors")), "{all:?}");
+}
+
+#[test]
 fn repository3d_is_for_evaluation_alone() {
     let dir = tempfile::tempdir().unwrap();
     put(dir.path(), &["Bunny.obj", "teapot.obj", "other.obj"]);

@@ -1,7 +1,9 @@
 //! Settings of an episode.
 
+use crate::config::check_counts;
 use crate::pose_error::PoseErrorConfig;
 use crate::scene::RenderConfig;
+use formats::config::SettingError;
 use geometry::PinholeCamera;
 use planning::Accumulate;
 
@@ -103,6 +105,41 @@ impl Default for EpisodeConfig {
 }
 
 impl EpisodeConfig {
+    /// Refuses values that cannot be meant; keys are those of the table `episode`.
+    ///
+    /// # Errors
+    /// The key, what was found, and what was expected.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        let lengths = [
+            ("episode.working_distance_m", self.working_distance_m),
+            ("episode.initial_distance_m", self.initial_distance_m.unwrap_or(1.0)),
+            ("episode.tolerance_m", self.tolerance_m),
+        ];
+        if let Some((key, found)) = lengths.iter().find(|(_, length)| !(*length > 0.0 && length.is_finite())) {
+            return Err(SettingError::new(key, found, "a length above 0"));
+        }
+        check_counts(&[("episode.num_views", self.num_views), ("episode.max_draws", self.max_draws)])?;
+        let sides = [("episode.image.width", self.image.width), ("episode.image.height", self.image.height)];
+        if let Some((key, found)) = sides.iter().find(|(_, side)| !(1..=16_384).contains(side)) {
+            return Err(SettingError::new(key, found, "1 to 16,384 pixels"));
+        }
+        if !(self.image.fov_y_deg > 0.0 && self.image.fov_y_deg < 180.0) {
+            return Err(SettingError::new(
+                "episode.image.fov_y_deg",
+                self.image.fov_y_deg,
+                "an angle between 0 and 180",
+            ));
+        }
+        if !(0.0..=1.0).contains(&self.min_first_coverage) {
+            return Err(SettingError::new(
+                "episode.min_first_coverage",
+                self.min_first_coverage,
+                "a share from 0 to 1",
+            ));
+        }
+        Ok(())
+    }
+
     /// As published: shifted scans, culled back faces, matched surface samples as the cloud, end at full coverage.
     pub fn paper() -> Self {
         Self {

@@ -5,7 +5,7 @@ use crate::dataset::{Object, load_mesh};
 use crate::episode::{EpisodeError, run_episode_with};
 use crate::scene::Scene;
 use crate::search::SearchPlanner;
-use formats::run::{atomic_write, hex, remove_temporaries};
+use formats::run::{atomic_write, remove_temporaries};
 use formats::shard::SCHEMA_VERSION;
 use formats::surface::{read_surface, write_surface};
 use formats::{Fate, FormatError, ObjectRecord, Sample, ShardMetadata, ShardReader, ShardWriter};
@@ -197,5 +197,5 @@ fn surface_key(seed: u64, mesh: &Mesh) -> String {
     // FNV-1a over words: names a file, guards nothing.
     let key =
         numbers.fold(0xcbf2_9ce4_8422_2325u64, |h, x| (h ^ x).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23));
-    hex(&key.to_le_bytes()[..4])
+    format!("{:08x}", (key as u32).swap_bytes())
 }

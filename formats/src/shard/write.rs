@@ -1,12 +1,11 @@
 //! Writing a shard.
 
-use super::{CloudPrecision, SCHEMA_VERSION, Sample, ShardMetadata};
-use crate::FormatError;
+use super::{CHECKSUM, CloudPrecision, METADATA, SCHEMA_VERSION, Sample, ShardMetadata};
 use crate::error::Place;
-use crate::run::{atomic_write, hex};
+use crate::run::atomic_write;
+use crate::{FormatError, checksum};
 use half::f16;
 use safetensors::tensor::{Dtype, TensorView, serialize};
-use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -125,11 +124,14 @@ impl ShardWriter {
         let refuse = |e: &dyn std::fmt::Display| {
             FormatError::syntax(Path::new("shard"), Place::File, e.to_string(), "what safetensors can hold")
         };
-        let metadata =
-            ShardMetadata { schema_version: SCHEMA_VERSION, sha256: "0".repeat(64), ..self.metadata.clone() };
+        let metadata = ShardMetadata {
+            schema_version: SCHEMA_VERSION,
+            sha256: checksum::UNKNOWN.to_owned(),
+            ..self.metadata.clone()
+        };
         // One entry only: the crate keeps metadata in a hash map, and two would change places from run to run.
         let text = serde_json::to_string(&metadata).map_err(|e| refuse(&e))?;
-        let metadata = HashMap::from([(super::read::METADATA.to_owned(), text)]);
+        let metadata = HashMap::from([(METADATA.to_owned(), text)]);
 
         let cloud_type = match self.precision {
             CloudPrecision::F32 => Dtype::F32,
@@ -168,11 +170,9 @@ impl ShardWriter {
             .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
             .map_err(|e| refuse(&e))?;
         let mut bytes = serialize(views, Some(metadata)).map_err(|e| refuse(&e))?;
-        let Some(at) = super::read::checksum_range(&bytes) else {
+        if !checksum::seal(&mut bytes, CHECKSUM) {
             return Err(refuse(&"no place for a checksum"));
-        };
-        let sum = hex(&Sha256::digest(&bytes));
-        bytes[at].copy_from_slice(sum.as_bytes());
+        }
         Ok(bytes)
     }
 

@@ -24,6 +24,9 @@ pub trait Network: ModuleSnapshot {
     /// Fresh weights, or what makes the sizes impossible.
     fn create(config: &Self::Config, device: &Device) -> Result<Self, SizeError>;
 
+    /// Weights that a network of this configuration has at the very least.
+    fn least_weights(config: &Self::Config) -> f64;
+
     /// Whether PyTorch keeps the weight of this name as that of a `Conv1d` of kernel 1, [out, in, 1].
     fn is_conv(name: &str) -> bool;
 }
@@ -35,6 +38,10 @@ impl Network for BenbvNet {
     fn create(config: &BenbvNetConfig, device: &Device) -> Result<Self, SizeError> {
         config.validate()?;
         Ok(config.init(device))
+    }
+
+    fn least_weights(config: &BenbvNetConfig) -> f64 {
+        config.least_weights()
     }
 
     fn is_conv(name: &str) -> bool {

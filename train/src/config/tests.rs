@@ -17,7 +17,8 @@ fn data_is_a_path_or_several() {
 fn settings_out_of_range_are_named() {
     TrainConfig::default().validate().expect("defaults are valid");
     type Spoil = fn(&mut TrainConfig);
-    let cases: [(Spoil, &str); 7] = [
+    let cases: [(Spoil, &str); 8] = [
+        (|c| c.loader.ready = 1_000_000_000_000, "setting loader.ready = 1000000000000: expected at most 1024"),
         (|c| c.batch = 0, "setting batch = 0: expected at least 1"),
         (|c| c.optimizer.rate = f64::NAN, "optimizer.rate"),
         (|c| c.validation.fraction = 1.0, "validation.fraction = 1: expected a share in (0, 1)"),

@@ -64,7 +64,8 @@ pub fn write_set(dir: &Path, objects: &[(&str, Split, Vec<Sample>)]) {
                 void_episodes: 0,
             },
         };
-        let metadata = ShardMetadata { objects: vec![record.clone()], ..Default::default() };
+        let objects = vec![record.clone()];
+        let metadata = ShardMetadata { config_hash: "none".into(), seed: 7, objects, ..Default::default() };
         let mut writer = ShardWriter::new(metadata, CloudPrecision::F32);
         for sample in samples {
             writer.push(sample).expect("a good sample");
@@ -74,6 +75,7 @@ pub fn write_set(dir: &Path, objects: &[(&str, Split, Vec<Sample>)]) {
     }
     let manifest = Manifest {
         schema_version: formats::shard::SCHEMA_VERSION,
+        sha256: String::new(),
         dataset: "synthetic".into(),
         config_hash: "none".into(),
         seed: 7,

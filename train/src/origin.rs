@@ -1,0 +1,52 @@
+//! Whether a run may go on: with the settings and the data that it was started with.
+
+use crate::TrainError;
+use crate::checkpoint::{self, TrainingState};
+use crate::config::TrainConfig;
+use crate::task::Task;
+use std::path::Path;
+
+/// Hash of the settings that decide the weights of a step; a resumed run may change the others.
+///
+/// # Errors
+/// Settings that TOML cannot say.
+pub fn decisive_settings(config: &TrainConfig) -> Result<String, TrainError> {
+    let other = TrainConfig::default();
+    let decisive = TrainConfig {
+        data: other.data,
+        epochs: 1,
+        device: other.device,
+        validation: config.validation.clone(),
+        episodes: other.episodes,
+        checkpoint: other.checkpoint,
+        loader: other.loader,
+        ..config.clone()
+    };
+    Ok(formats::config::hash(&decisive).map_err(formats::run::RunError::from)?)
+}
+
+/// Where the run in `dir` stands, which is to go on with this task and these settings.
+///
+/// # Errors
+/// No such run, a damaged one, or one of other settings or data.
+pub fn resumable<T: Task>(task: &T, config: &TrainConfig, dir: &Path) -> Result<TrainingState, TrainError> {
+    let latest = dir.join("latest");
+    let state = checkpoint::load_state(&latest)?;
+    check_origin(&state, &decisive_settings(config)?, &task.data_name(), &latest)?;
+    Ok(state)
+}
+
+fn check_origin(state: &TrainingState, settings: &str, data: &str, latest: &Path) -> Result<(), TrainError> {
+    let refuse = |problem: String| Err(TrainError::Checkpoint { path: latest.to_path_buf(), problem });
+    if state.settings != settings {
+        return refuse(
+            "it was made with other settings than asked for now; go on with --resume, which takes those of the run (only \
+             epochs, device, episodes, checkpoint and loader may change), or start a new run in another --out"
+                .into(),
+        );
+    }
+    if state.data != data {
+        return refuse(format!("it was trained on {}, not on {data}; name that set with --data", state.data));
+    }
+    Ok(())
+}
