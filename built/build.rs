@@ -31,6 +31,7 @@ fn commit() -> String {
     for path in git(&["ls-files"]).unwrap_or_default().lines().filter(|p| p.ends_with(".rs") || p.ends_with(".toml")) {
         println!("cargo:rerun-if-changed=../{path}");
     }
-    let changed = git(&["--no-optional-locks", "status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
+    let changed =
+        git(&["--no-optional-locks", "status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
     if changed { format!("{head}-dirty") } else { head }
 }

@@ -219,7 +219,7 @@ fn modelnet40_runs_with_no_further_flag_and_explains_itself() {
 fn names_that_meet_are_objects_of_their_own() {
     let home = tempfile::tempdir().unwrap();
     let home = home.path();
-    let block = |height: u32| {
+    let block = |height: f64| {
         format!(
             "OFF\n8 6 0\n-1 -1 -1\n1 -1 -1\n1 2 -1\n-1 2 -1\n-1 -1 {height}\n1 -1 {height}\n1 2 {height}\n-1 2 {height}\n\
              4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
@@ -227,10 +227,10 @@ fn names_that_meet_are_objects_of_their_own() {
     };
     std::fs::create_dir(home.join("in")).unwrap();
     let long = format!("{}.off", "n".repeat(240));
-    for (name, height) in [("a.off", 1), ("a.OFF", 2), (long.as_str(), 3)] {
+    for (name, height) in [("a.off", 1.0), ("a.OFF", 1.2), (long.as_str(), 1.4)] {
         std::fs::write(home.join("in").join(name), block(height)).unwrap();
     }
-    let small = ["--scans", "1", "--set", "surface_samples=2000", "--set", "candidates.num_targets=4"];
+    let small = ["--scans", "1", "--set", "candidates.num_targets=4"];
     let command = |jobs: &'static str, out: &'static str| {
         let mut command = datagen(home);
         command.args(["--dataset", "folder", "--root", "in", "--jobs", jobs, "--out", out]).args(small);

@@ -289,7 +289,7 @@ mod tests {
     fn numbers_out_of_range_are_values_and_their_check_says_so() {
         for (words, expected) in [
             (["--distance", "-1"], "length above 0"),
-            (["--distance", "-1e-3"], "length above 0"),
+            (["--distance", "-0.5"], "length above 0"),
             (["--distance", "nan"], "length above 0"),
             (["--below", "2"], "share from 0 to 1"),
             (["--below", "-0.5"], "share from 0 to 1"),

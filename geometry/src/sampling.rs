@@ -337,7 +337,8 @@ mod tests {
     fn layers_upon_layers_get_random_points_in_bounded_memory() {
         // A thousand squares within a millimetre: every sample is near every other one, 10^10 pairs.
         let corner = |layer: u32, x: f64, y: f64| Point3::new(x, y, f64::from(layer) * 1e-6);
-        let vertices = (0..1000).flat_map(|k| [corner(k, 0., 0.), corner(k, 1., 0.), corner(k, 1., 1.), corner(k, 0., 1.)]);
+        let vertices =
+            (0..1000).flat_map(|k| [corner(k, 0., 0.), corner(k, 1., 0.), corner(k, 1., 1.), corner(k, 0., 1.)]);
         let triangles = (0..1000).flat_map(|k| [[4 * k, 4 * k + 1, 4 * k + 2], [4 * k, 4 * k + 2, 4 * k + 3]]);
         let mesh = Mesh { vertices: vertices.collect(), triangles: triangles.collect() };
         let points = poisson_disk_sample(&mesh, 20_000, &mut rng::stream(8, "samples"));

@@ -29,17 +29,17 @@ pub struct Args {
     #[arg(long, num_args = 1.., value_name = "FILE")]
     pub scan: Vec<PathBuf>,
     /// Camera position of each scan, x,y,z in the unit of the clouds, in the same order.
-    #[arg(long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>, requires = "scan")]
+    #[arg(long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>, requires = "scan", conflicts_with_all = ["object", "serve"])]
     pub from: Vec<[f64; 3]>,
     /// Depth images (16-bit PNG in millimetres, NPY in metres), oldest first, added after the clouds.
     #[arg(long, num_args = 1.., value_name = "FILE")]
     pub depth: Vec<PathBuf>,
     /// Intrinsics of the depth images, fx,fy,cx,cy in pixels; not needed where the pose file has them.
-    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, requires = "depth")]
+    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub intrinsics: Option<[f64; 4]>,
     /// Pose of the camera of each depth image, or of each cloud instead of --from: tx,ty,tz,qx,qy,qz,qw in metres, or a file
     /// with one pose in any of the formats of --views-from; FILE:NAME or FILE:INDEX takes one of several.
-    #[arg(long, num_args = 1.., value_name = "FILE|NUMBERS")]
+    #[arg(long, num_args = 1.., value_name = "FILE|NUMBERS", conflicts_with_all = ["object", "serve"])]
     pub pose: Vec<String>,
     /// Choose from the poses in this file alone: turntable stops, taught poses. JSON (4 x 4 matrices, objects with
     /// world_from_camera, BOP's scene_camera.json or scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, TUM's lines,
@@ -47,13 +47,13 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub views_from: Option<PathBuf>,
     /// Metres per unit of the depth images, if not the usual.
-    #[arg(long, value_name = "METRES", value_parser = length, requires = "depth")]
+    #[arg(long, value_name = "METRES", value_parser = length, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub depth_unit: Option<f64>,
     /// What pixels without a return mean: unknown, or free (nothing there).
     #[arg(long, value_name = "MEANING", value_parser = misses)]
     pub misses: Option<Misses>,
     /// Unit of the clouds and of --from.
-    #[arg(long, value_enum, default_value = "m", requires = "scan")]
+    #[arg(long, value_enum, default_value = "m", requires = "scan", conflicts_with_all = ["object", "serve"])]
     pub unit: Unit,
     /// Distance from target to camera in metres, or a range to choose from: MIN..MAX.
     #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = distances)]
@@ -80,21 +80,23 @@ pub struct Args {
     #[arg(long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve", "views_from"])]
     pub object: Option<String>,
     /// Next views in the closed loop (--object).
-    #[arg(long, default_value_t = 15, value_name = "COUNT", requires = "object")]
+    #[arg(long, default_value_t = 15, value_name = "COUNT", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
     pub views: usize,
     /// Write the first scans of --object (two clouds, a depth image, their poses) into this directory.
-    #[arg(long, value_name = "DIR", requires = "object")]
+    #[arg(long, value_name = "DIR", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
     pub export_scans: Option<PathBuf>,
     /// Answer requests: JSON lines over stdin and stdout, or HTTP with --http.
     #[arg(long, conflicts_with_all = ["scan", "depth", "report", "ply", "views_from"])]
     pub serve: bool,
     /// Loopback address for --serve, such as 127.0.0.1:8350; port 0 takes a free one and prints it.
-    #[arg(long, value_name = "ADDRESS", requires = "serve")]
+    #[arg(long, value_name = "ADDRESS", requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
     pub http: Option<SocketAddr>,
     #[command(flatten)]
     pub common: CommonArgs,
 }
 
+// The parser does not ask for a flag that conflicts with another one given: what `requires` a mode conflicts with the others,
+// too.
 impl Args {
     /// Parses a command line. Numbers with commas that begin with a minus are values, not flags.
     pub fn from_command_line(words: impl Iterator<Item = OsString>) -> Result<Self, clap::Error> {
@@ -162,14 +164,14 @@ mod tests {
     #[test]
     fn flags_that_do_nothing_are_refused() {
         for (words, said) in [
-            ("--http 127.0.0.1:0 --scan a", "--serve"),
+            ("--http 127.0.0.1:0 --scan a", "--http"),
             ("--serve --json", "--json"),
-            ("--scan a --views 3", "--object"),
-            ("--scan a --export-scans d", "--object"),
+            ("--scan a --views 3", "--views"),
+            ("--scan a --export-scans d", "--export-scans"),
             ("--scan a --intrinsics 1,1,1,1", "--depth"),
             ("--scan a --pose p", "--depth"),
             ("--depth d --from 1,2,3", "--scan"),
-            ("--object m --unit mm", "--scan"),
+            ("--object m --unit mm", "--unit"),
             ("--scan a --stop-below 2", "share from 0 to 1"),
             ("--scan a --distance -1", "length above 0"),
             ("--scan a --seed -1", "whole number"),

@@ -153,7 +153,7 @@ pub fn save_with<N: Network>(
 pub fn load<N: Network>(directory: &Path, device: &Device) -> Result<(N, Checkpoint<N::Config>), CheckpointError> {
     let directory = &surviving(directory);
     let sums = Sums::read(directory)?;
-    let info = read_description::<N::Config>(directory, &sums)?;
+    let info = read_description::<N::Config>(directory, &sums, Some(N::KIND))?;
     let file = directory.join(WEIGHTS);
     let bytes = fs::read(&file).map_err(|e| CheckpointError::Io { file: file.display().to_string(), source: e })?;
     sums.check(WEIGHTS, &bytes)?;
@@ -168,7 +168,7 @@ pub fn load_bytes<N: Network>(
     device: &Device,
 ) -> Result<(N, Checkpoint<N::Config>), CheckpointError> {
     let name = "(embedded) checkpoint.toml";
-    let info = parse_description::<N::Config>(description, name)?;
+    let info = parse_description::<N::Config>(description, name, Some(N::KIND))?;
     let net = build::<N>(&info, weights, name, Path::new("(embedded) model.safetensors"), device)?;
     Ok((net, info))
 }
@@ -176,7 +176,7 @@ pub fn load_bytes<N: Network>(
 /// The kind of network in a checkpoint directory, without reading its weights.
 pub fn kind(directory: &Path) -> Result<String, CheckpointError> {
     let directory = &surviving(directory);
-    Ok(read_description::<toml::Table>(directory, &Sums::read(directory)?)?.kind)
+    Ok(read_description::<toml::Table>(directory, &Sums::read(directory)?, None)?.kind)
 }
 
 /// A network of these sizes with the weights of a `.safetensors`, `.pth` or `.pt` file.
@@ -207,9 +207,6 @@ fn build<N: Network>(
     device: &Device,
 ) -> Result<N, CheckpointError> {
     let fail = |reason| CheckpointError::Description { file: description.to_string(), reason };
-    if info.kind != N::KIND {
-        return Err(fail(format!("kind = \"{}\": expected a checkpoint of \"{}\"", info.kind, N::KIND)));
-    }
     if !(1..=MOST).contains(&info.encode.points) {
         return Err(fail(format!("[encode] points = {}: expected 1 to {MOST}", info.encode.points)));
     }
@@ -238,18 +235,26 @@ fn describe<C: Serialize>(info: &Checkpoint<C>, file: &Path) -> Result<String, C
         .map_err(|e| CheckpointError::Description { file: file.display().to_string(), reason: e.to_string() })
 }
 
-fn read_description<C: DeserializeOwned>(directory: &Path, sums: &Sums) -> Result<Checkpoint<C>, CheckpointError> {
+fn read_description<C: DeserializeOwned>(
+    directory: &Path,
+    sums: &Sums,
+    kind: Option<&str>,
+) -> Result<Checkpoint<C>, CheckpointError> {
     let file = directory.join(DESCRIPTION);
     let name = file.display().to_string();
     let bytes = fs::read(&file).map_err(|source| CheckpointError::Io { file: name.clone(), source })?;
     sums.check(DESCRIPTION, &bytes)?;
-    parse_description(&String::from_utf8_lossy(&bytes), &name)
+    parse_description(&String::from_utf8_lossy(&bytes), &name, kind)
 }
 
-fn parse_description<C: DeserializeOwned>(text: &str, file: &str) -> Result<Checkpoint<C>, CheckpointError> {
+fn parse_description<C: DeserializeOwned>(
+    text: &str,
+    file: &str,
+    kind: Option<&str>,
+) -> Result<Checkpoint<C>, CheckpointError> {
     let fail = |reason| CheckpointError::Description { file: file.to_string(), reason };
     let table: toml::Table = text.parse().map_err(|e: toml::de::Error| fail(e.to_string()))?;
-    // The version comes first: a newer schema must not be reported as an unknown key.
+    // Version and kind come first: a newer schema or another network must not be reported as an unknown key.
     match table.get("schema_version").and_then(toml::Value::as_integer) {
         Some(version) if version == i64::from(SCHEMA_VERSION) => {}
         Some(version) => {
@@ -258,6 +263,10 @@ fn parse_description<C: DeserializeOwned>(text: &str, file: &str) -> Result<Chec
             )));
         }
         None => return Err(fail(format!("no integer `schema_version`; expected {SCHEMA_VERSION}"))),
+    }
+    let found = table.get("kind").and_then(toml::Value::as_str).unwrap_or_default();
+    if let Some(expected) = kind.filter(|expected| *expected != found) {
+        return Err(fail(format!("kind = \"{found}\": expected a checkpoint of \"{expected}\"")));
     }
     toml::from_str(text).map_err(|e| fail(e.to_string()))
 }

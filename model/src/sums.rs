@@ -36,7 +36,9 @@ impl Sums {
         let bytes = match std::fs::read(&file) {
             Ok(bytes) => bytes,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                tracing::warn!("{directory:?} has no {SUMS}: damage of its weights would not be seen");
+                if directory.is_dir() {
+                    tracing::warn!("{directory:?} has no {SUMS}: damage of its weights would not be seen");
+                }
                 return Ok(sums);
             }
             Err(source) => return Err(CheckpointError::Io { file: file.display().to_string(), source }),
