@@ -64,13 +64,16 @@ pub fn import(
     commit: &str,
 ) -> Result<Manifest, HistoryError> {
     let objects = assign_splits(objects(inputs)?, SplitChoice::Train, seed, validation_share);
-    let histories: Vec<(&Object, Vec<Frame>)> = objects
-        .iter()
-        .filter_map(|object| match &object.source {
-            Source::File(path) => Some(read_frame_history(path).map(|frames| (object, frames))),
+    let files = || {
+        objects.iter().filter_map(|object| match &object.source {
+            Source::File(path) => Some((object, path)),
             Source::Sequence(_) | Source::Procedural { .. } => None,
         })
-        .collect::<Result<_, _>>()?;
+    };
+    // All of them before anything is written, and one at a time: together they need not fit the memory.
+    for (_, path) in files() {
+        read_frame_history(path)?;
+    }
     if out.join(MANIFEST).exists() {
         let found = Manifest::read(out)?.dataset;
         if found != DATASET {
@@ -79,8 +82,8 @@ pub fn import(
     }
     let _lock = lock_part(out, Part::WHOLE)?;
     let mut records = vec![];
-    for (object, frames) in histories {
-        let samples = to_samples(&object.name, &frames);
+    for (object, path) in files() {
+        let samples = to_samples(&object.name, &read_frame_history(path)?);
         let record = ObjectRecord {
             object: object.name.clone(),
             category: object.category.clone(),

@@ -32,7 +32,9 @@ pub fn atomic_write_with(
             use std::os::unix::fs::PermissionsExt;
             builder.permissions(std::fs::Permissions::from_mode(0o666)) // the umask takes its share
         };
-        let temporary = builder.prefix(&temporary_prefix(path)).suffix(TEMPORARY).tempfile_in(parent)?;
+        let temporary = builder.prefix(&temporary_prefix(path)).suffix(TEMPORARY).tempfile_in(parent);
+        // Its message has the temporary name, which nobody knows.
+        let temporary = temporary.map_err(|e| std::io::Error::from(e.kind()))?;
         let mut buffered = BufWriter::with_capacity(1 << 20, temporary.as_file());
         write(&mut buffered)?;
         buffered.flush()?;

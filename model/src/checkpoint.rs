@@ -6,6 +6,7 @@ use crate::config::MOST;
 use crate::encode::EncodeConfig;
 use crate::published::{self, Network, Precision, WeightsError};
 use crate::sums::{self, SUMS, Sums};
+use burn::store::burn_pack::Tensor as Stored;
 use burn::tensor::Device;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -181,9 +182,12 @@ pub fn kind(directory: &Path) -> Result<String, CheckpointError> {
 
 /// A network of these sizes with the weights of a `.safetensors`, `.pth` or `.pt` file.
 pub fn import_pytorch<N: Network>(file: &Path, config: &N::Config, device: &Device) -> Result<N, CheckpointError> {
-    let net = N::create(config, device).map_err(WeightsError::Config)?;
     let tensors = published::read_file(file)?;
-    Ok(published::apply(net, tensors, &file.display().to_string())?)
+    let name = file.display().to_string();
+    check_size::<N>(config, &tensors, &name)
+        .map_err(|reason| CheckpointError::Description { file: "settings".to_owned(), reason })?;
+    let net = N::create(config, device).map_err(WeightsError::Config)?;
+    Ok(published::apply(net, tensors, &name)?)
 }
 
 /// Writes the weights alone, as a `.safetensors` that PyTorch's `load_state_dict(strict=True)` takes.
@@ -212,14 +216,23 @@ fn build<N: Network>(
     }
     let name = file.display().to_string();
     let tensors = published::read_safetensors(weights, &name)?;
-    // Before any memory is asked for: the network of a mistyped width may be larger than the machine.
-    let stored: f64 = tensors.iter().map(|t| t.shape.iter().map(|&n| n as f64).product::<f64>()).sum();
-    let wanted = N::least_weights(&info.network);
-    if wanted > 4.0 * stored {
-        return Err(fail(format!("[network] asks for more than {wanted:.0} weights, but {name} holds {stored:.0}")));
-    }
+    check_size::<N>(&info.network, &tensors, &name).map_err(fail)?;
     let net = N::create(&info.network, device).map_err(|reason| fail(format!("[network] {reason}")))?;
     Ok(published::apply(net, tensors, &name)?)
+}
+
+/// Weights that any machine has room for.
+const HARMLESS: f64 = 1e8;
+
+/// Before any memory is asked for: the network of a mistyped width may be larger than the machine. One that is not is made,
+/// so that the message can name what does not fit, tensor by tensor.
+fn check_size<N: Network>(network: &N::Config, tensors: &[Stored], file: &str) -> Result<(), String> {
+    let stored: f64 = tensors.iter().map(|t| t.shape.iter().map(|&n| n as f64).product::<f64>()).sum();
+    let wanted = N::least_weights(network);
+    if wanted > HARMLESS && wanted > 4.0 * stored {
+        return Err(format!("[network] asks for more than {wanted:.0} weights, but {file} holds {stored:.0}"));
+    }
+    Ok(())
 }
 
 fn surviving(directory: &Path) -> PathBuf {

@@ -103,10 +103,13 @@ impl SessionConfig {
             let found = format!("[{low:?}, {high:?}]");
             return Err(ConfigError { key: "region_m", found, expected: "[[smallest x, y, z], [largest x, y, z]]" });
         }
-        for (key, value) in [("outlier_factor", self.outlier_factor), ("stop_below", self.stop_below)] {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(ConfigError { key, found: value.to_string(), expected: "zero or a positive number" });
-            }
+        if !(self.outlier_factor.is_finite() && self.outlier_factor >= 0.0) {
+            let found = self.outlier_factor.to_string();
+            return Err(ConfigError { key: "outlier_factor", found, expected: "zero or a positive number" });
+        }
+        if !(0.0..=1.0).contains(&self.stop_below) {
+            let found = self.stop_below.to_string();
+            return Err(ConfigError { key: "stop_below", found, expected: "a share from 0 to 1" });
         }
         self.camera.check()?;
         self.constraints.check()
@@ -217,6 +220,16 @@ impl CameraConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shares_are_from_0_to_1() {
+        for stop_below in [2.0, -0.1, f64::NAN] {
+            let text =
+                SessionConfig { stop_below, ..SessionConfig::default() }.check().expect_err("no share").to_string();
+            assert!(text.contains("stop_below = ") && text.contains("share from 0 to 1"), "{text}");
+        }
+        SessionConfig { stop_below: 1.0, ..SessionConfig::default() }.check().expect("a share");
+    }
 
     #[test]
     fn shipped_file_equals_the_defaults() {
