@@ -1,11 +1,14 @@
 """A client of `infer --serve --http 127.0.0.1:8350`; needs nothing but Python 3.8. Run: python3 client.py URL"""
 
 import base64
+import http.client
 import json
 import struct
 import sys
+import time
 import urllib.error
 import urllib.request
+import uuid
 
 
 class Planner:
@@ -46,12 +49,20 @@ class Planner:
 
     def _ask(self, method, path, body=None):
         data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self.url + path, data, {"Content-Type": "application/json"}, method=method)
-        try:
-            with urllib.request.urlopen(request, timeout=60) as answer:
-                return json.load(answer)
-        except urllib.error.HTTPError as error:
-            raise RuntimeError(json.load(error)["error"]["message"]) from None
+        # With a key, a request whose answer was lost can be sent again without being done twice.
+        headers = {"Content-Type": "application/json", "Idempotency-Key": uuid.uuid4().hex}
+        request = urllib.request.Request(self.url + path, data, headers, method=method)
+        for attempts_left in (2, 1, 0):
+            try:
+                with urllib.request.urlopen(request, timeout=150) as answer:
+                    return json.load(answer)
+            except urllib.error.HTTPError as error:
+                if error.code != 503 or attempts_left == 0:
+                    raise RuntimeError(json.load(error)["error"]["message"]) from None
+            except (urllib.error.URLError, http.client.HTTPException, ConnectionError):
+                if attempts_left == 0:
+                    raise
+            time.sleep(1)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@
 pub mod checksum;
 pub mod cloud;
 pub mod config;
+pub mod declared;
 pub mod depth;
 pub mod error;
 pub mod frame_history;

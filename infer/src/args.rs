@@ -1,6 +1,7 @@
 //! The command line of `infer`.
 
 use crate::request::Unit;
+use anyhow::bail;
 use clap::Parser;
 use formats::program::{CommonArgs, EXIT_CODES, length, share};
 use planning::Misses;
@@ -15,11 +16,14 @@ Examples:
   infer --scan a.ply b.ply --distance 0.6 --report next.html
   infer --depth d.png --intrinsics 514.1,514.1,640,360 --pose pose.json --json
   infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --views-from stops.json
+  infer --session part7 --scan c.ply --from 0.8,0.2,0.9
   infer --object procedural:3 --views 10 --report loop.html
   infer --serve --http 127.0.0.1:8350
   infer --scan a.ply --from 0,0,1 --set constraints.floor_height_m=0.05 --set constraints.max_travel_m=0.8
 
-Every setting: configs/infer.toml. For robots: docs/robots.md.";
+Every setting: configs/infer.toml, of the service: configs/service.toml. For robots: docs/robots.md.
+Exit codes: 0 done (--serve: asked to stop, and all was answered), 1 error, 2 wrong usage, 3 no view is left, 130 asked to stop
+twice.";
 
 /// The next best view for a 3D scan, as a pose that a robot can use.
 #[derive(Debug, Parser)]
@@ -85,12 +89,22 @@ pub struct Args {
     /// Write the first scans of --object (two clouds, a depth image, their poses) into this directory.
     #[arg(long, value_name = "DIR", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
     pub export_scans: Option<PathBuf>,
+    /// Keep the session in this directory: these scans are added to those of earlier commands. Settings are those given now.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["object", "serve"])]
+    pub session: Option<PathBuf>,
     /// Answer requests: JSON lines over stdin and stdout, or HTTP with --http.
     #[arg(long, conflicts_with_all = ["scan", "depth", "report", "ply", "views_from"])]
     pub serve: bool,
     /// Loopback address for --serve, such as 127.0.0.1:8350; port 0 takes a free one and prints it.
     #[arg(long, value_name = "ADDRESS", requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
     pub http: Option<SocketAddr>,
+    /// Keep the sessions of --serve in this directory: they survive its end, however sudden.
+    #[arg(long, value_name = "DIR", requires = "serve")]
+    pub state: Option<PathBuf>,
+    /// Settings of the service from a TOML file, as configs/service.toml; also --set service.KEY=VALUE.
+    #[arg(long, value_name = "FILE", requires = "serve")]
+    pub service_config: Option<PathBuf>,
+    /// What every program has.
     #[command(flatten)]
     pub common: CommonArgs,
 }
@@ -98,6 +112,30 @@ pub struct Args {
 // The parser does not ask for a flag that conflicts with another one given: what `requires` a mode conflicts with the others,
 // too.
 impl Args {
+    /// Which of --pose are those of the clouds, in the order of --scan, and which those of the depth images, which come after.
+    ///
+    /// # Errors
+    /// Not as many as there are scans; clouds with --from as well.
+    pub fn cameras(&self) -> anyhow::Result<(&[String], &[String])> {
+        let (clouds, images, given) = (self.scan.len(), self.depth.len(), self.pose.len());
+        if !self.from.is_empty() && self.from.len() != clouds {
+            bail!("{} --from for {clouds} --scan: give one camera position per cloud, or none", self.from.len());
+        }
+        let of_clouds = match given.checked_sub(images) {
+            Some(0) => 0,
+            Some(left) if left == clouds => clouds,
+            _ if clouds == 0 => bail!("{given} --pose for {images} --depth: give one pose per depth image"),
+            _ => bail!(
+                "{given} --pose for {clouds} --scan and {images} --depth: give one per depth image, and before them one per \
+                 cloud or none"
+            ),
+        };
+        if of_clouds > 0 && !self.from.is_empty() {
+            bail!("both --pose and --from tell where the clouds were taken from: give one of them");
+        }
+        Ok(self.pose.split_at(of_clouds))
+    }
+
     /// Parses a command line. Numbers with commas that begin with a minus are values, not flags.
     pub fn from_command_line(words: impl Iterator<Item = OsString>) -> Result<Self, clap::Error> {
         let is_number = |word: &str| word.starts_with('-') && word.contains(',') && !word.starts_with("--");

@@ -1,44 +1,63 @@
 //! The service over HTTP/1.1, on a loopback address only. Described in `docs/openapi.yaml`.
 
-use crate::service::{Body, Method, Refusal, Service};
-use http_body_util::{BodyExt, Full, LengthLimitError, Limited};
+mod body;
+mod connections;
+mod guard;
+mod routes;
+
+use crate::request::{Ask, Body};
+use crate::service::{Fingerprint, Held, Key, Method, Patience, Refusal, Reply, Service, reading};
+use connections::{Connection, Connections, Place, Taken};
+use http_body_util::Full;
 use hyper::body::{Bytes, Incoming};
-use hyper::header::{ALLOW, CONNECTION, CONTENT_TYPE, HOST, HeaderValue, ORIGIN};
+use hyper::header::{ALLOW, CONNECTION, CONTENT_TYPE, HeaderValue, RETRY_AFTER};
 use hyper::service::service_fn;
 use hyper::{Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
+use routes::Route;
 use std::convert::Infallible;
+use std::future::{Future, poll_fn};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::net::SocketAddr;
+use std::pin::pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::Poll;
 use std::time::Duration;
-use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Semaphore, watch};
+use tokio::time::{Instant, sleep, timeout_at};
 
 /// A client must have sent a request's head within this time, also on a connection kept alive.
 const HEAD_TIME: Duration = Duration::from_secs(10);
-/// A client must have sent a body within this time.
-const BODY_TIME: Duration = Duration::from_secs(30);
-/// No connection lives longer: one whose client does not read its answers ends here.
-const CONNECTION_TIME: Duration = Duration::from_secs(300);
-/// Connections at once; further ones wait to be accepted.
-const CONNECTIONS: usize = 128;
-/// Bodies held at once, so that memory stays within this many times the largest body.
-const BODIES: usize = 16;
+/// Bodies of requests other than scans, bytes.
+const SMALL: usize = 1 << 20;
+/// Bodies up to this are read at once; larger ones wait for a core.
+const TINY: usize = 64 << 10;
+/// How often the service looks whether it shall stop.
+const LOOK: Duration = Duration::from_millis(50);
 
 static OPENAPI: &str = include_str!("../../docs/openapi.yaml");
 
 struct Server {
     service: Service,
-    /// Decisions computed at once: one per core.
-    cores: Semaphore,
-    bodies: Semaphore,
+    /// Work at once: one per core.
+    cores: Arc<Semaphore>,
+    connections: Arc<Connections>,
+    stop: watch::Receiver<bool>,
 }
 
-/// Answers until the process ends. `ready` is called with the bound address.
+/// Answers until `stop` is set; then what runs is answered, as far as it takes no longer than `service.stop_ms`. `ready` is
+/// called with the bound address.
 ///
 /// # Errors
 /// The address is not loopback or cannot be bound.
-pub fn serve(service: Service, address: SocketAddr, ready: impl FnOnce(SocketAddr)) -> std::io::Result<()> {
+pub fn serve(
+    service: Service,
+    address: SocketAddr,
+    stop: &'static AtomicBool,
+    ready: impl FnOnce(SocketAddr),
+) -> std::io::Result<()> {
     if !address.ip().is_loopback() {
         let message =
             format!("{address} is not a loopback address: the service has no authentication; use 127.0.0.1:PORT");
@@ -51,161 +70,229 @@ pub fn serve(service: Service, address: SocketAddr, ready: impl FnOnce(SocketAdd
         .enable_io()
         .enable_time()
         .build()?;
-    let server = Arc::new(Server { service, cores: Semaphore::new(cores), bodies: Semaphore::new(BODIES) });
+    let (told, told_stop) = watch::channel(false);
+    let cores = Arc::new(Semaphore::new(cores));
+    let server = Arc::new(Server { service, cores, connections: Arc::default(), stop: told_stop });
     runtime.block_on(async {
         let listener = TcpListener::bind(address).await?;
         ready(listener.local_addr()?);
-        accept(listener, server).await
-    })
+        let stopping = server.service.stopping.clone();
+        tokio::spawn(async move {
+            while !stop.load(Ordering::SeqCst) {
+                sleep(LOOK).await;
+            }
+            stopping.set();
+            told.send_replace(true);
+            told.closed().await;
+        });
+        accept(listener, &server).await;
+        let end = Instant::now() + Duration::from_millis(server.service.limits().stop_ms);
+        while server.connections.count() > 0 && Instant::now() < end {
+            sleep(LOOK / 10).await;
+        }
+        // What is left ends at its next look at the clock, and is told so.
+        server.service.halted.set();
+        let end = Instant::now() + Duration::from_secs(2);
+        while server.connections.count() > 0 && Instant::now() < end {
+            sleep(LOOK / 10).await;
+        }
+        Ok::<(), std::io::Error>(())
+    })?;
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    Ok(())
 }
 
-async fn accept(listener: TcpListener, server: Arc<Server>) -> std::io::Result<()> {
-    let connections = Arc::new(Semaphore::new(CONNECTIONS));
+async fn accept(listener: TcpListener, server: &Arc<Server>) {
+    let mut stop = server.stop.clone();
+    let mut stopped = pin!(stop.wait_for(|stop| *stop));
     loop {
-        let Ok(permit) = connections.clone().acquire_owned().await else { return Ok(()) };
-        let stream = match listener.accept().await {
-            Ok((stream, _)) => stream,
-            Err(error) => {
+        let next = poll_fn(|cx| match stopped.as_mut().poll(cx) {
+            Poll::Ready(_) => Poll::Ready(None),
+            Poll::Pending => listener.poll_accept(cx).map(Some),
+        });
+        match next.await {
+            None => return,
+            Some(Ok((stream, _))) => match server.connections.enter(server.service.limits().connections) {
+                Some(place) => drop(tokio::spawn(converse(server.clone(), stream, place))),
+                // All connections are being answered; this one is closed, unread.
+                None => tracing::debug!("no room for another connection"),
+            },
+            Some(Err(error)) => {
                 // Out of file handles, or the client is gone already: neither ends the service.
                 tracing::warn!("cannot accept a connection: {error}");
-                tokio::time::sleep(Duration::from_millis(50)).await;
-                continue;
+                sleep(LOOK).await;
             }
-        };
-        let server = server.clone();
-        tokio::spawn(async move {
-            let _permit = permit;
-            // Small answers in one packet each: no waiting for acknowledgements.
-            let _ = stream.set_nodelay(true);
-            let connection = hyper::server::conn::http1::Builder::new()
-                .timer(TokioTimer::new())
-                .header_read_timeout(HEAD_TIME)
-                .max_buf_size(64 << 10)
-                .serve_connection(
-                    TokioIo::new(stream),
-                    service_fn(|request| {
-                        let server = server.clone();
-                        async move { Ok::<_, Infallible>(respond(server, request).await) }
-                    }),
-                );
-            match tokio::time::timeout(CONNECTION_TIME, connection).await {
-                Ok(Err(error)) => tracing::debug!("connection ended: {error}"),
-                Err(_) => tracing::debug!("connection ended after {CONNECTION_TIME:?}"),
-                Ok(Ok(())) => {}
-            }
-        });
-    }
-}
-
-async fn respond(server: Arc<Server>, request: Request<Incoming>) -> Response<Full<Bytes>> {
-    if request.method() == hyper::Method::GET && request.uri().path() == "/openapi.yaml" {
-        return text(StatusCode::OK, "application/yaml", OPENAPI.into());
-    }
-    match answer(server, request).await {
-        Ok((status, value)) => json(status, value.to_string()),
-        Err(refusal) => {
-            let status = StatusCode::from_u16(refusal.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-            let mut response = json(status, refusal.to_json().to_string());
-            if status == StatusCode::METHOD_NOT_ALLOWED {
-                response.headers_mut().insert(ALLOW, HeaderValue::from_static("GET, POST, DELETE"));
-            }
-            if matches!(status, StatusCode::PAYLOAD_TOO_LARGE | StatusCode::REQUEST_TIMEOUT) {
-                // What is left of the body is not read.
-                response.headers_mut().insert(CONNECTION, HeaderValue::from_static("close"));
-            }
-            response
         }
     }
 }
 
-async fn answer(server: Arc<Server>, request: Request<Incoming>) -> Result<(StatusCode, serde_json::Value), Refusal> {
-    local_only(&request)?;
-    let (method, session) = route(request.method(), request.uri().path())?;
-    let limit = server.service.limits().body;
-    let too_large = || {
-        let message = format!("the body is larger than {} MiB: send fewer points, or thin them", limit >> 20);
-        Refusal::new(413, "too_large", message)
-    };
-    let length =
-        request.headers().get(hyper::header::CONTENT_LENGTH).and_then(|v| v.to_str().ok()?.parse::<u64>().ok());
-    if length.is_some_and(|n| n > limit as u64) {
-        return Err(too_large());
+/// One connection, until it ends, makes room, or the service stops.
+async fn converse(server: Arc<Server>, stream: TcpStream, place: Place) {
+    // Small answers in one packet each: no waiting for acknowledgements.
+    let _ = stream.set_nodelay(true);
+    let connection = place.connection.clone();
+    let mut stop = server.stop.clone();
+    let respond = service_fn(|request| {
+        let (server, connection) = (server.clone(), connection.clone());
+        async move { Ok::<_, Infallible>(respond(server, connection, request).await) }
+    });
+    let mut talk = pin!(
+        hyper::server::conn::http1::Builder::new()
+            .timer(TokioTimer::new())
+            .header_read_timeout(HEAD_TIME)
+            .max_buf_size(64 << 10)
+            .serve_connection(TokioIo::new(Taken::new(stream)), respond)
+    );
+    let mut end = pin!(place.connection.end.notified());
+    let mut stopped = pin!(stop.wait_for(|stop| *stop));
+    let mut last = false;
+    let outcome = poll_fn(|cx| {
+        if end.as_mut().poll(cx).is_ready() {
+            return Poll::Ready(Ok(()));
+        }
+        if !last && stopped.as_mut().poll(cx).is_ready() {
+            last = true;
+            talk.as_mut().graceful_shutdown();
+        }
+        talk.as_mut().poll(cx)
+    });
+    if let Err(error) = outcome.await {
+        tracing::debug!("connection ended: {error}");
     }
-    let busy = || Refusal::new(503, "stopping", "the service is stopping");
-    let has_body = request.method() == hyper::Method::POST;
-    let body = if has_body {
-        let late = || Refusal::new(408, "too_slow", format!("the body did not arrive within {BODY_TIME:?}"));
-        let receive = async {
-            let _place = server.bodies.acquire().await.map_err(|_| busy())?;
-            // Waiting for a place is the service's time, not the client's.
-            let collect = Limited::new(request.into_body(), limit).collect();
-            match tokio::time::timeout(BODY_TIME, collect).await {
-                Err(_) => Err(late()),
-                Ok(Err(error)) if error.downcast_ref::<LengthLimitError>().is_some() => Err(too_large()),
-                Ok(Err(error)) => Err(Refusal::new(400, "bad_body", error.to_string())),
-                Ok(Ok(collected)) => Ok(collected.to_bytes()),
-            }
-        };
-        receive.await?
+}
+
+async fn respond(
+    server: Arc<Server>,
+    connection: Arc<Connection>,
+    request: Request<Incoming>,
+) -> Response<Full<Bytes>> {
+    let answer = match guard::local_only(&request).and_then(|()| routes::route(request.method(), request.uri().path()))
+    {
+        Ok(Route::Description) => return text(StatusCode::OK, "application/yaml", OPENAPI.into()),
+        Ok(Route::Ask(method, session)) => answer(&server, &connection, method, session, request).await,
+        Err(refusal) => Err(refusal),
+    };
+    connection.busy.store(false, Ordering::SeqCst);
+    match answer {
+        Ok(Reply { status, body }) => {
+            text(StatusCode::from_u16(status).unwrap_or(StatusCode::OK), "application/json", accounted(&server, body))
+        }
+        Err(refusal) => refused(&refusal),
+    }
+}
+
+/// An answer that counts as held until its client has taken it. One that there is no room to account for is small, or another
+/// reference to what a session holds.
+fn accounted(server: &Server, body: Bytes) -> Bytes {
+    struct Accounted(Bytes, #[allow(dead_code, reason = "given back when dropped")] Held);
+    impl AsRef<[u8]> for Accounted {
+        fn as_ref(&self) -> &[u8] {
+            &self.0
+        }
+    }
+    match server.service.memory().take(body.len()) {
+        Ok(held) => Bytes::from_owner(Accounted(body, held)),
+        Err(_) => body,
+    }
+}
+
+fn refused(refusal: &Refusal) -> Response<Full<Bytes>> {
+    let status = StatusCode::from_u16(refusal.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    let mut response = text(status, "application/json", refusal.to_json().to_string().into());
+    let headers = response.headers_mut();
+    if let Some(allow) = refusal.allow {
+        headers.insert(ALLOW, HeaderValue::from_static(allow));
+    }
+    if matches!(refusal.status, 503 | 507) {
+        headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));
+    }
+    if matches!(refusal.status, 408 | 413 | 503) {
+        // What is left of the body is not read.
+        headers.insert(CONNECTION, HeaderValue::from_static("close"));
+    }
+    response
+}
+
+async fn answer(
+    server: &Arc<Server>,
+    connection: &Connection,
+    method: Method,
+    session: Option<String>,
+    request: Request<Incoming>,
+) -> Result<Reply, Refusal> {
+    let service = &server.service;
+    match method {
+        Method::Health => return service.health(),
+        Method::List => return service.list(),
+        _ if service.stopping.is_set() => return Err(Refusal::stopping()),
+        _ => {}
+    }
+    let mut patience = service.patience();
+    // Dropped with this future when the client hangs up.
+    let _gone = patience.gone.set_on_drop();
+    // A key that is no text is as bad as none.
+    let name = request.headers().get("idempotency-key").map(|name| name.to_str().unwrap_or_default().to_owned());
+    let limit = if method == Method::AddScan { service.limits().body() } else { SMALL };
+    let mut held = service.memory().nothing();
+    let bytes = body::receive(request, limit, &mut held).await?;
+    connection.busy.store(true, Ordering::SeqCst);
+    let room = bytes.capacity() + reading(method, bytes.len());
+    timeout_at(patience.end().into(), held.grow(room)).await.map_err(|_| service.memory().full())?;
+    let keep = service.keeps_state();
+    let (asked, bytes_len) = (session.clone(), bytes.len());
+    let read = move || -> Result<(Option<Ask>, Option<Key>), Refusal> {
+        let key = name.map(|name| key(&name, method, asked.as_deref(), &bytes)).transpose()?;
+        if method == Method::Delete {
+            return Ok((None, key));
+        }
+        Ok((Some(Ask::parse(method, Body::Whole(&bytes), false, keep)?), key))
+    };
+    let (ask, key) = if method == Method::AddScan || bytes_len > TINY {
+        on_a_core(server, &patience, read).await??
     } else {
-        Bytes::new()
+        read()?
     };
-    let permit = server.cores.acquire().await.map_err(|_| busy())?;
-    let worker = server.clone();
-    let outcome = tokio::task::spawn_blocking(move || {
-        worker.service.handle(method, session.as_deref(), Body::Bytes(&body), false)
-    })
-    .await;
-    drop(permit);
-    let internal = |_| Refusal::new(500, "internal", "this request failed inside the service; others are not affected");
-    let value = outcome.map_err(internal)??;
-    Ok((if method == Method::Create { StatusCode::CREATED } else { StatusCode::OK }, value))
-}
-
-/// A page in a browser must not reach the service: neither from another origin nor by a name that resolves here.
-fn local_only(request: &Request<Incoming>) -> Result<(), Refusal> {
-    let is_local = |authority: &str| {
-        let host = authority.rsplit_once(':').filter(|(_, port)| port.bytes().all(|b| b.is_ascii_digit()));
-        let host = host.map_or(authority, |(host, _)| host);
-        matches!(host, "localhost" | "127.0.0.1" | "[::1]")
-    };
-    let header = |name| request.headers().get(name).map(|v: &HeaderValue| v.to_str().unwrap_or("?"));
-    let foreign_host = header(HOST).is_some_and(|host| !is_local(host));
-    let foreign_origin = header(ORIGIN).is_some_and(|o| !o.strip_prefix("http://").is_some_and(is_local));
-    match foreign_host || foreign_origin {
-        true => Err(Refusal::new(403, "not_local", "only this machine may ask: use http://127.0.0.1:PORT")),
-        false => Ok(()),
+    let Some(ask) = ask else { return service.delete(&session.unwrap_or_default(), key) };
+    patience.set(ask.deadline_ms(), service.limits().max_deadline_ms)?;
+    if let Ask::Create(request) = ask {
+        return service.create(request, key);
     }
+    let entry = service.entry(session.as_deref())?;
+    // What was read is less than might have been.
+    let work = ask.work();
+    held.shrink(work);
+    timeout_at(patience.end().into(), held.grow(work)).await.map_err(|_| service.memory().full())?;
+    let end = patience.end().into();
+    let mut open = timeout_at(end, entry.open.clone().lock_owned()).await.map_err(|_| Refusal::busy())?;
+    let (worker, told) = (server.clone(), patience.clone());
+    let work = move || worker.service.work(&entry, &mut open, ask, key, &told, held);
+    on_a_core(server, &patience, work).await?
 }
 
-fn route(method: &hyper::Method, path: &str) -> Result<(Method, Option<String>), Refusal> {
-    let parts: Vec<&str> = path.trim_matches('/').split('/').collect();
-    let name = |name: &str| Some(name.to_owned());
-    let (expected, found) = match parts[..] {
-        ["health"] => (vec![hyper::Method::GET], vec![(Method::Health, None)]),
-        ["sessions"] => {
-            (vec![hyper::Method::GET, hyper::Method::POST], vec![(Method::List, None), (Method::Create, None)])
-        }
-        ["sessions", id] => (vec![hyper::Method::DELETE], vec![(Method::Delete, name(id))]),
-        ["sessions", id, "scans"] => (vec![hyper::Method::POST], vec![(Method::AddScan, name(id))]),
-        ["sessions", id, "next"] => (vec![hyper::Method::POST], vec![(Method::NextView, name(id))]),
-        ["sessions", id, "undo"] => (vec![hyper::Method::POST], vec![(Method::Undo, name(id))]),
-        ["sessions", id, "reset"] => (vec![hyper::Method::POST], vec![(Method::Reset, name(id))]),
-        ["sessions", id, "export"] => (vec![hyper::Method::GET], vec![(Method::Export, name(id))]),
-        _ => {
-            let message = "no such path; see /openapi.yaml";
-            return Err(Refusal::new(404, "no_such_path", message));
-        }
-    };
-    let at = expected.iter().position(|m| m == method);
-    at.map(|i| found[i].clone()).ok_or_else(|| {
-        let names: Vec<&str> = expected.iter().map(hyper::Method::as_str).collect();
-        Refusal::new(405, "wrong_method", format!("this path answers {}", names.join(" and ")))
-    })
+/// Waits for a core, as long as the request may take, and works there; also after its client has gone, until it notices.
+async fn on_a_core<T: Send + 'static>(
+    server: &Server,
+    patience: &Patience,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Refusal> {
+    let core = timeout_at(patience.end().into(), server.cores.clone().acquire_owned()).await;
+    let Ok(Ok(core)) = core else { return Err(Refusal::busy()) };
+    if patience.halted.is_set() {
+        return Err(Refusal::stopping());
+    }
+    let task = tokio::task::spawn_blocking(move || {
+        let _core = core;
+        work()
+    });
+    task.await.map_err(|_| Refusal::internal())
 }
 
-fn json(status: StatusCode, body: String) -> Response<Full<Bytes>> {
-    text(status, "application/json", body.into())
+fn key(name: &str, method: Method, session: Option<&str>, body: &[u8]) -> Result<Key, Refusal> {
+    let empty = body.iter().all(u8::is_ascii_whitespace);
+    let body = if empty { Some(Fingerprint::default()) } else { serde_json::from_slice(body).ok() };
+    let mut asked = DefaultHasher::new();
+    (method, session, body).hash(&mut asked);
+    Key::new(name, asked.finish())
 }
 
 fn text(status: StatusCode, kind: &'static str, body: Bytes) -> Response<Full<Bytes>> {

@@ -1,74 +1,158 @@
 //! The service over stdin and stdout: one JSON request per line, one JSON answer per line, in order.
 
-use crate::service::{Body, Method, Refusal, Service};
+use crate::request::{Ask, Body, Object};
+use crate::service::{BoundedJson, Fingerprint, Key, Method, Refusal, Reply, Service, reading};
 use serde::Deserialize;
-use serde_json::{Value, json};
-use std::io::{BufRead, Read, Write};
+use serde::de::IntoDeserializer;
+use serde::de::value::Error as NameError;
+use serde_json::Value;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::{BufRead, Error, Read, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::thread;
+use std::time::Duration;
 
-/// A request; `params` is the body that HTTP would carry.
+/// How often the service looks whether it shall stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// A request without what `params`, the body that HTTP would carry, says.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
     #[serde(default)]
-    id: Value,
-    method: Method,
+    id: BoundedJson,
+    method: String,
     session: Option<String>,
+    /// The same again is answered as before and not done twice.
+    request_id: Option<String>,
     #[serde(default)]
-    params: Value,
+    params: Fingerprint,
 }
 
-/// Answers until the input ends. A line that is not a request is answered with an error and `"id": null`.
+/// What a line that is no request may still say.
+#[derive(Deserialize)]
+struct Id {
+    id: BoundedJson,
+}
+
+/// A line, or that it was longer than allowed.
+type Received = Result<Vec<u8>, usize>;
+
+/// Answers until the input ends or `stop` is set; what runs then is answered first, as far as it takes no longer than
+/// `service.stop_ms`. A line that is not a request is answered with an error, and its id where it has one.
 ///
 /// # Errors
 /// The input cannot be read or the output not written.
-pub fn serve(service: &Service, mut input: impl BufRead, mut output: impl Write) -> std::io::Result<()> {
-    let limit = service.limits().body;
-    let mut line = Vec::new();
-    loop {
-        line.clear();
-        if input.by_ref().take(limit as u64 + 1).read_until(b'\n', &mut line)? == 0 {
-            return Ok(());
+pub fn serve(
+    service: &Service,
+    input: impl BufRead + Send + 'static,
+    mut output: impl Write,
+    stop: &'static AtomicBool,
+) -> Result<(), Error> {
+    let limit = service.limits().body();
+    // Reading waits for the client, and the client may not write for hours: it is left behind when the service stops.
+    let (lines, received) = sync_channel::<Result<Received, Error>>(0);
+    thread::spawn(move || {
+        let mut input = input;
+        while let Some(line) = read_line(&mut input, limit).transpose() {
+            if lines.send(line).is_err() {
+                return;
+            }
         }
-        let answer = if line.len() > limit && line.last() != Some(&b'\n') {
-            skip_line(&mut input)?;
-            let message = format!("the line is longer than {} MiB", limit >> 20);
-            with_id(Value::Null, Err(Refusal::new(413, "too_large", message)))
-        } else if line.iter().all(u8::is_ascii_whitespace) {
-            continue;
-        } else {
-            answer_line(service, &line)
+    });
+    let halted = service.halted.clone();
+    let grace = Duration::from_millis(service.limits().stop_ms);
+    thread::spawn(move || {
+        while !stop.load(Ordering::SeqCst) {
+            thread::sleep(LOOK);
+        }
+        thread::sleep(grace);
+        halted.set();
+    });
+    while !stop.load(Ordering::SeqCst) {
+        let line = match received.recv_timeout(LOOK) {
+            Ok(line) => line?,
+            Err(RecvTimeoutError::Timeout) => continue,
+            Err(RecvTimeoutError::Disconnected) => return Ok(()),
         };
-        serde_json::to_writer(&mut output, &answer)?;
-        output.write_all(b"\n")?;
+        let (id, answer) = match line {
+            Ok(line) if line.iter().all(u8::is_ascii_whitespace) => continue,
+            Ok(line) => answer_line(service, &line),
+            Err(limit) => {
+                let message = format!("the line is longer than {} MiB", limit >> 20);
+                (Value::Null, Err(Refusal::new(413, "too_large", message)))
+            }
+        };
+        write!(output, "{{\"id\":{id},")?;
+        match answer {
+            Ok(reply) => {
+                output.write_all(b"\"result\":")?;
+                output.write_all(&reply.body)?;
+            }
+            Err(refusal) => write!(output, "\"error\":{}", refusal.to_json()["error"])?,
+        }
+        output.write_all(b"}\n")?;
         output.flush()?;
     }
+    Ok(())
 }
 
-fn answer_line(service: &Service, line: &[u8]) -> Value {
+fn answer_line(service: &Service, line: &[u8]) -> (Value, Result<Reply, Refusal>) {
     let request: Line = match serde_json::from_slice(line) {
-        Ok(request) => request,
+        Ok(Object(request)) => request,
         Err(error) => {
-            let refusal = Refusal::new(400, "bad_request", format!("the line is not a request: {error}"));
-            return with_id(Value::Null, Err(refusal));
+            let id = serde_json::from_slice::<Object<Id>>(line).map_or(Value::Null, |id| id.0.id.0);
+            return (id, Err(Refusal::new(400, "bad_request", format!("the line is not a request: {error}"))));
         }
     };
     // The service's locks recover from a panic; only this request is lost.
-    let body = Body::Value(request.params);
-    let handle = || service.handle(request.method, request.session.as_deref(), body, true);
-    let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(handle)).unwrap_or_else(|_| {
-        Err(Refusal::new(500, "internal", "this request failed inside the service; others are not affected"))
-    });
-    with_id(request.id, outcome)
+    let outcome = catch_unwind(AssertUnwindSafe(|| handle(service, &request, line)));
+    (request.id.0, outcome.unwrap_or_else(|_| Err(Refusal::internal())))
 }
 
-fn with_id(id: Value, outcome: Result<Value, Refusal>) -> Value {
-    match outcome {
-        Ok(result) => json!({ "id": id, "result": result }),
-        Err(refusal) => json!({ "id": id, "error": refusal.to_json()["error"] }),
+fn handle(service: &Service, request: &Line, line: &[u8]) -> Result<Reply, Refusal> {
+    let named = Method::deserialize(IntoDeserializer::<NameError>::into_deserializer(request.method.as_str()));
+    let method = named.map_err(|e| Refusal::new(400, "bad_request", format!("method: {e}")))?;
+    let mut patience = service.patience();
+    let session = request.session.as_deref();
+    let mut asked = DefaultHasher::new();
+    (method, session, request.params).hash(&mut asked);
+    let key = request.request_id.as_ref().map(|name| Key::new(name, asked.finish())).transpose()?;
+    match method {
+        Method::Health => return service.health(),
+        Method::List => return service.list(),
+        Method::Delete => return service.delete(session.unwrap_or_default(), key),
+        _ => {}
     }
+    let mut spare = service.memory().take(line.len() + reading(method, line.len()))?;
+    let ask = Ask::parse(method, Body::Line(line), true, service.keeps_state())?;
+    patience.set(ask.deadline_ms(), service.limits().max_deadline_ms)?;
+    if let Ask::Create(request) = ask {
+        return service.create(request, key);
+    }
+    spare.resize(line.len() + ask.work())?;
+    let entry = service.entry(session)?;
+    let mut open = entry.open.blocking_lock();
+    service.work(&entry, &mut open, ask, key, &patience, spare)
 }
 
-fn skip_line(input: &mut impl BufRead) -> std::io::Result<()> {
+/// The next line; `None` at the end of the input.
+fn read_line(input: &mut impl BufRead, limit: usize) -> Result<Option<Received>, Error> {
+    let mut line = Vec::new();
+    if input.by_ref().take(limit as u64 + 1).read_until(b'\n', &mut line)? == 0 {
+        return Ok(None);
+    }
+    if line.len() > limit && line.last() != Some(&b'\n') {
+        drop(line);
+        skip_line(input)?;
+        return Ok(Some(Err(limit)));
+    }
+    Ok(Some(Ok(line)))
+}
+
+fn skip_line(input: &mut impl BufRead) -> Result<(), Error> {
     loop {
         let buffer = input.fill_buf()?;
         let (used, done) = match buffer.iter().position(|b| *b == b'\n') {

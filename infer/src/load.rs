@@ -2,6 +2,7 @@
 
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
+use formats::FormatError;
 use formats::cloud::{CloudFile, Grid, parse_cloud, read_cloud};
 use formats::depth::{parse_depth, read_depth};
 use formats::poses::{FilePose, read_poses};
@@ -19,6 +20,33 @@ pub const DEPTH_UNIT: f64 = 0.001;
 /// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera.
 pub fn cloud(path: &Path, unit: Unit) -> Result<Scan> {
     Ok(from_cloud_file(read_cloud(path)?, unit))
+}
+
+/// Largest file that a request may name, bytes.
+const NAMED: u64 = 1 << 30;
+
+/// A file that a request names: a regular one, no device or pipe.
+pub fn named_bytes(path: &Path) -> Result<Vec<u8>> {
+    let shown = path.display();
+    let about = std::fs::metadata(path).with_context(|| format!("{shown}: cannot be read"))?;
+    if !about.is_file() {
+        bail!("{shown}: not a regular file");
+    }
+    if about.len() > NAMED {
+        bail!("{shown}: {} MiB, at most {} are read", about.len() >> 20, NAMED >> 20);
+    }
+    std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))
+}
+
+/// [`cloud`] of such a file. Who asks need not be allowed to see it: what is in it shows in no error.
+pub fn named_cloud(path: &Path, bytes: &[u8], unit: Unit) -> Result<Scan> {
+    match parse_cloud(path, bytes) {
+        Ok(file) => Ok(from_cloud_file(file, unit)),
+        Err(error @ FormatError::UnknownType { .. }) => Err(error.into()),
+        Err(_) => {
+            bail!("{}: not a cloud as its ending says (infer --scan FILE tells where it is not)", path.display())
+        }
+    }
 }
 
 /// [`cloud`] from bytes; the name's ending tells the format.
@@ -253,6 +281,22 @@ mod tests {
             let back = depth.to_points(&found, &world_from_camera);
             assert_eq!(back.len(), points.len());
             assert!(back.iter().zip(&points).all(|(a, b)| (a - b).norm() < 1e-5), "the points come back");
+        }
+    }
+
+    #[test]
+    fn named_files_are_regular_and_keep_their_secrets() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("secret.xyz");
+        std::fs::write(&path, "x y z\nhunter2 is the password").expect("a file");
+        let read = |path: &Path| named_cloud(path, &named_bytes(path)?, Unit::M);
+        let error = format!("{:#}", read(&path).expect_err("no cloud"));
+        assert!(error.contains("secret.xyz") && !error.contains("hunter2"), "{error}");
+        std::fs::write(&path, "1 2 3\n").expect("a file");
+        assert!(read(&path).is_ok());
+        for device in [Path::new("/dev/zero"), folder.path()] {
+            let error = format!("{:#}", read(device).expect_err("no file"));
+            assert!(error.contains("not a regular file"), "{error}");
         }
     }
 

@@ -3,6 +3,7 @@
 mod args;
 mod frustums;
 mod http;
+mod kept;
 mod lines;
 mod load;
 mod request;
@@ -12,54 +13,87 @@ mod weights;
 
 use anyhow::{Context, Result, bail};
 use args::Args;
-use formats::{Flag, program};
+use formats::Flag;
+use formats::program::{CommonArgs, finish, misuse, print, print_line, stop_when_asked};
 use infer::report::{ReportInput, report_html};
 use nalgebra::{Isometry3, Point3, Vector3};
 use planning::{Answer, PlannerName, Scan, Session, SessionConfig};
-use service::{Limits, Service};
+use service::{Service, ServiceConfig};
 use std::path::Path;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let args = Args::from_command_line(std::env::args_os()).unwrap_or_else(|error| error.exit());
     args.common.start_messages(["warn", "info", "debug"]);
-    program::finish(run(&args))
+    finish(run(&args))
 }
 
 fn run(args: &Args) -> Result<ExitCode> {
     args.common.start_threads()?;
-    let config = settings(args)?;
+    let (limits, set) = ServiceConfig::load(args.service_config.as_deref(), &args.common.set)?;
+    if !args.serve && set.len() < args.common.set.len() {
+        bail!("--set service.KEY=VALUE: a setting of the service, which --serve starts");
+    }
+    let config = settings(args, set)?;
     config.check()?;
     if args.weights.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
-        program::misuse::<Args>("--weights does nothing for a planner other than auto and benbv-net");
+        misuse::<Args>("--weights does nothing for a planner other than auto and benbv-net");
     }
     let network = || weights::network(args.weights.as_deref()).map(Some);
     if args.serve {
-        let service = Service::new(config.clone(), network()?, Limits::default());
+        limits.check()?;
+        service::check(&config).map_err(|refusal| anyhow::anyhow!("{}", refusal.message))?;
+        let mut service = Service::new(config.clone(), network()?, limits);
+        if let Some(folder) = &args.state {
+            service = service.keeping_state(folder).with_context(|| format!("--state {}", folder.display()))?;
+        }
         return serve(service, args).map(|()| ExitCode::SUCCESS);
     }
     if let Some(object) = &args.object {
         return closed_loop(object, args, Session::new(config.clone(), network()?)?);
     }
+    if let Some(folder) = &args.session {
+        let place = || format!("--session {}", folder.display());
+        let service = kept::service(&config, network()?, folder).with_context(place)?;
+        let entry = service.first().map_err(anyhow::Error::from).with_context(place)?;
+        let mut open = entry.open.blocking_lock();
+        kept::add(&service, &entry, &mut open, &config, args)?;
+        return answer(open.session(), args);
+    }
     if args.scan.is_empty() && args.depth.is_empty() {
-        program::misuse::<Args>("nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve");
+        misuse::<Args>("nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve");
     }
     let mut session = Session::new(config.clone(), network()?)?;
-    let names = add_scans(&mut session, args)?;
+    add_scans(&mut session, args)?;
+    answer(&mut session, args)
+}
+
+/// The next view, printed and drawn.
+fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
+    if let Some(path) = &args.views_from {
+        session.set_given_views(load::poses(path)?);
+    }
     let answer = session.next_view()?;
     let poses: Vec<_> = session.state().scans.iter().map(|s| s.world_from_camera).collect();
-    write_files(args, &names, &session, &answer, &poses, &[])?;
+    write_files(args, &names(args), session, &answer, &poses, &[])?;
     if args.json {
-        program::print_line(serde_json::to_string_pretty(&answer)?)?;
+        print_line(serde_json::to_string_pretty(&answer)?)?;
     } else {
-        program::print(answer.to_text())?;
+        print(answer.to_text())?;
     }
     // 3: an answer was given, and it is that no view is left.
     Ok(if answer.next.is_some() { ExitCode::SUCCESS } else { ExitCode::from(3) })
 }
 
-/// Defaults, then the file, then --set, then flags.
-fn settings(args: &Args) -> Result<SessionConfig> {
+/// Of the scans given, for a report's title.
+fn names(args: &Args) -> String {
+    let folder = args.session.iter().filter(|_| args.scan.is_empty() && args.depth.is_empty());
+    let name = |path: &std::path::PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    args.scan.iter().chain(&args.depth).chain(folder).map(name).collect::<Vec<_>>().join(", ")
+}
+
+/// Defaults, then the file, then these of --set, then flags.
+fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
     let (fixed, range) = match args.distance {
         Some((low, high)) if low == high => (Some(low), None),
         Some((low, high)) => (None, Some(toml::Value::from(vec![low, high]))),
@@ -73,33 +107,16 @@ fn settings(args: &Args) -> Result<SessionConfig> {
         Flag::given("--stop-below", "stop_below", args.stop_below),
         Flag::given("--misses", "misses", misses),
     ];
-    let mut config: SessionConfig = args.common.settings(flags)?;
+    let mut config: SessionConfig = CommonArgs { set, ..args.common.clone() }.settings(flags)?;
     if fixed.is_some() {
         config.working_distance_range_m = None;
     }
     Ok(config)
 }
 
-/// Adds all scans; their names for the report's title.
-fn add_scans(session: &mut Session, args: &Args) -> Result<String> {
-    if !args.from.is_empty() && args.from.len() != args.scan.len() {
-        bail!("{} --from for {} --scan: give one camera position per cloud, or none", args.from.len(), args.scan.len());
-    }
-    let (clouds, images, given) = (args.scan.len(), args.depth.len(), args.pose.len());
-    // Poses of the clouds, in the order of --scan, come before those of the depth images.
-    let of_clouds = match given.checked_sub(images) {
-        Some(0) => 0,
-        Some(left) if left == clouds => clouds,
-        _ if clouds == 0 => bail!("{given} --pose for {images} --depth: give one pose per depth image"),
-        _ => bail!(
-            "{given} --pose for {clouds} --scan and {images} --depth: give one per depth image, and before them one per cloud \
-             or none"
-        ),
-    };
-    if of_clouds > 0 && !args.from.is_empty() {
-        bail!("both --pose and --from tell where the clouds were taken from: give one of them");
-    }
-    let (of_clouds, of_images) = args.pose.split_at(of_clouds);
+/// Adds all scans.
+fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
+    let (of_clouds, of_images) = args.cameras()?;
     for (i, path) in args.scan.iter().enumerate() {
         let mut scan = match of_clouds.get(i) {
             Some(pose) => load::cloud_from(path, args.unit, pose)?,
@@ -110,15 +127,11 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<String> {
         }
         add(session, path, scan)?;
     }
-    if let Some(path) = &args.views_from {
-        session.set_given_views(load::poses(path)?);
-    }
     let misses = session.config().misses;
     for (path, pose) in args.depth.iter().zip(of_images) {
         add(session, path, load::depth(path, args.depth_unit, pose, args.intrinsics, misses)?)?;
     }
-    let name = |path: &std::path::PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(args.scan.iter().chain(&args.depth).map(name).collect::<Vec<_>>().join(", "))
+    Ok(())
 }
 
 fn add(session: &mut Session, path: &Path, scan: Scan) -> Result<()> {
@@ -131,7 +144,7 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
     let mut failed = None;
     let show = |step: &simulate::Step| {
         let line = if args.json { serde_json::to_string(step).unwrap_or_default() } else { step_line(step) };
-        failed = failed.take().or(program::print_line(line).err());
+        failed = failed.take().or(print_line(line).err());
     };
     let outcome = simulate::run(object, args, session, show)?;
     if let Some(error) = failed {
@@ -139,13 +152,13 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
     }
     let coverage: Vec<f64> = outcome.steps.iter().map(|s| s.coverage).collect();
     if !args.json {
-        program::print_line(format_args!("ended: {}", outcome.ended))?;
+        print_line(format_args!("ended: {}", outcome.ended))?;
     }
     write_files(args, object, &outcome.session, &outcome.last, &outcome.poses, &coverage)?;
     if let Some(directory) = &args.export_scans {
         let camera = outcome.session.config().camera.camera();
         let commands = simulate::export_scans(directory, object, &outcome, &camera)?;
-        program::print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?;
+        print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -190,12 +203,16 @@ fn write_files(
 }
 
 fn serve(service: Service, args: &Args) -> Result<()> {
+    let stop = stop_when_asked("stopping: what runs is answered first; again ends it at once")?;
     match args.http {
-        Some(address) => http::serve(service, address, |bound| {
+        Some(address) => http::serve(service, address, stop, |bound| {
             // A line for the program that started this one; port 0 is known now.
-            let _ = program::print_line(format_args!("listening on http://{bound}"));
+            let _ = print_line(format_args!("listening on http://{bound}"));
         })
         .with_context(|| format!("--http {address}")),
-        None => lines::serve(&service, std::io::stdin().lock(), std::io::stdout().lock()).context("stdin and stdout"),
+        None => {
+            let input = std::io::BufReader::new(std::io::stdin());
+            lines::serve(&service, input, std::io::stdout().lock(), stop).context("stdin and stdout")
+        }
     }
 }

@@ -1,103 +1,74 @@
 //! What the service answers, whatever the way a request came: sessions by name, each with a planner's memory.
 
-use crate::request::{CreateRequest, NextRequest, ScanRequest};
-use planning::session::Request;
-use planning::{Network, Session, SessionConfig, SessionError};
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
-use serde_json::{Value, json};
+mod answers;
+mod config;
+mod fingerprint;
+mod memory;
+mod refusal;
+mod settings;
+mod store;
+mod time;
+mod work;
+
+pub use answers::{Answers, Key};
+pub use config::ServiceConfig;
+pub use fingerprint::Fingerprint;
+pub use memory::{Held, Memory};
+pub use refusal::Refusal;
+pub use settings::BoundedJson;
+pub use store::{Store, Written};
+pub use time::{Flag, OnDeadline, Patience};
+pub use work::Open;
+
+use crate::request::{CreateRequest, over};
+use hyper::body::Bytes;
+use planning::config::MAX_POINTS;
+use planning::{Network, SessionConfig, SessionError};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
 use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// Limits of the service: fixed, no settings.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// Largest request body, bytes.
-    pub body: usize,
-    /// Sessions at once; the one idle longest makes room if it is idle for longer than `idle`.
-    pub sessions: usize,
-    /// Scans of one session.
-    pub scans: usize,
-    /// Memory of one session's scans, bytes.
-    pub memory: usize,
-    /// A session not used for so long may be dropped.
-    pub idle: Duration,
+/// Memory that reading a scan takes at least, as small as it may be packed, and per byte of its body.
+const SCAN: usize = 128 << 20;
+const SCAN_PER_BYTE: usize = 8;
+
+/// Memory that reading a request takes, bytes.
+pub fn reading(method: Method, body: usize) -> usize {
+    if method == Method::AddScan { SCAN.max(SCAN_PER_BYTE * body) } else { 1 << 20 }
 }
 
-impl Default for Limits {
-    fn default() -> Self {
-        Self { body: 64 << 20, sessions: 64, scans: 100, memory: 256 << 20, idle: Duration::from_secs(900) }
-    }
-}
-
-/// Why a request gets no answer: an HTTP status, a word for programs, a sentence for people.
+/// An answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Refusal {
+pub struct Reply {
     /// HTTP status.
     pub status: u16,
-    /// For programs.
-    pub code: &'static str,
-    /// For people.
-    pub message: String,
+    /// JSON.
+    pub body: Bytes,
 }
 
-impl Refusal {
-    /// A refusal.
-    pub fn new(status: u16, code: &'static str, message: impl Into<String>) -> Self {
-        Self { status, code, message: message.into() }
+impl Reply {
+    /// From JSON.
+    pub fn new(status: u16, body: impl Into<Bytes>) -> Self {
+        Self { status, body: body.into() }
     }
 
-    /// `{"error": {"code", "message"}}`.
-    pub fn to_json(&self) -> Value {
-        json!({ "error": { "code": self.code, "message": self.message } })
-    }
-}
-
-impl From<SessionError> for Refusal {
-    fn from(error: SessionError) -> Self {
-        let code = match error {
-            SessionError::Config(_) => "bad_config",
-            SessionError::Choose(_) => "planner_unusable",
-            SessionError::NoScan => "no_scan",
-            SessionError::TooFewPoints { .. } => "too_few_points",
-            SessionError::TooSmall { .. } => "too_small",
-            SessionError::Plan(_) => "planner_failed",
-            SessionError::NoCurrentPosition => "no_current_position",
-        };
-        let status = if code == "bad_config" { 400 } else { 422 };
-        Self::new(status, code, error.to_string())
-    }
-}
-
-/// A request's body.
-pub enum Body<'a> {
-    /// As it came.
-    Bytes(&'a [u8]),
-    /// Already JSON.
-    Value(Value),
-}
-
-impl Body<'_> {
-    /// The body as what was asked for; an empty one is `{}`.
-    fn parse<T: DeserializeOwned>(self) -> Result<T, Refusal> {
-        let parsed = match self {
-            Self::Bytes(bytes) if bytes.iter().all(u8::is_ascii_whitespace) => serde_json::from_slice(b"{}"),
-            Self::Bytes(bytes) => serde_json::from_slice(bytes),
-            Self::Value(Value::Null) => serde_json::from_slice(b"{}"),
-            Self::Value(value) => serde_json::from_value(value),
-        };
-        parsed.map_err(|e| Refusal::new(400, "bad_request", format!("the body is not as expected: {e}")))
+    fn of(value: &impl Serialize) -> Result<Self, Refusal> {
+        let body = serde_json::to_vec(value).map_err(|e| Refusal::new(500, "internal", e.to_string()))?;
+        Ok(Self::new(200, body))
     }
 }
 
 /// What can be asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
     /// Is the service there?
     Health,
-    /// Names of the sessions.
+    /// The open sessions.
     List,
     /// A new session.
     Create,
@@ -115,132 +86,220 @@ pub enum Method {
     Delete,
 }
 
-struct Entry {
-    session: Mutex<Session>,
+/// An open session as the list shows it, without waiting for who works on it.
+pub struct Entry {
+    id: u64,
+    /// The session.
+    pub open: Arc<tokio::sync::Mutex<Open>>,
     used: Mutex<Instant>,
+    scans: AtomicUsize,
+    bytes: AtomicUsize,
+}
+
+impl Entry {
+    fn new(id: u64, open: Open, scans: usize) -> Self {
+        let (bytes, used) = (open.memory().into(), Mutex::new(Instant::now()));
+        Self { id, open: Arc::new(tokio::sync::Mutex::new(open)), used, scans: scans.into(), bytes }
+    }
+}
+
+#[derive(Default)]
+struct Sessions {
+    last: u64,
+    open: BTreeMap<u64, Arc<Entry>>,
+    /// To those who opened or ended a session.
+    answers: Answers,
 }
 
 /// All sessions.
 pub struct Service {
     config: SessionConfig,
     network: Option<Network>,
-    limits: Limits,
-    sessions: Mutex<(u64, BTreeMap<u64, Arc<Entry>>)>,
+    limits: ServiceConfig,
+    memory: Memory,
+    store: Option<Store>,
+    sessions: Mutex<Sessions>,
+    count: AtomicUsize,
+    /// Nothing new is begun.
+    pub stopping: Flag,
+    /// What runs ends now.
+    pub halted: Flag,
 }
 
-/// A panic while a lock was held is answered as an error of that request; what it guarded is still whole or is reset.
+/// A panic while a lock was held is answered as an error of that request; what it guarded is still whole.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Settings that a session of the service may have: none that leaves its memory to the input.
+///
+/// # Errors
+/// The key, and what it must be.
+pub fn check(config: &SessionConfig) -> Result<(), Refusal> {
+    config.check().map_err(SessionError::Config)?;
+    if i64::try_from(config.seed).is_err() {
+        return Err(Refusal::new(400, "bad_config", format!("seed = {}: expected 0 to {}", config.seed, i64::MAX)));
+    }
+    if config.max_points == 0 {
+        let message = format!("max_points = 0: the service expects 100 to {MAX_POINTS}");
+        return Err(Refusal::new(400, "bad_config", message));
+    }
+    Ok(())
+}
+
 impl Service {
     /// No session yet; each new one starts with `config`.
-    pub fn new(config: SessionConfig, network: Option<Network>, limits: Limits) -> Self {
-        Self { config, network, limits, sessions: Mutex::default() }
+    pub fn new(config: SessionConfig, network: Option<Network>, limits: ServiceConfig) -> Self {
+        let (memory, count) = (Memory::new(limits.memory_mib), AtomicUsize::new(0));
+        let [stopping, halted] = [Flag::default(), Flag::default()];
+        Self { config, network, limits, memory, store: None, sessions: Mutex::default(), count, stopping, halted }
+    }
+
+    /// The same with the sessions of a folder, in which all is kept from now on. Each is read when it is first asked for.
+    ///
+    /// # Errors
+    /// The folder is in use, cannot be read, or holds more than the limits allow.
+    pub fn keeping_state(mut self, folder: &Path) -> anyhow::Result<Self> {
+        let (store, found) = Store::open(folder)?;
+        let mut sessions = Sessions { last: found.last, ..Sessions::default() };
+        for (id, record) in found.sessions {
+            let scans = record.scans;
+            let open = Open::on_disk(record, self.network.clone(), &self.memory)
+                .map_err(|e| anyhow::anyhow!("{}: session {id}: {}", folder.display(), e.message))?;
+            sessions.open.insert(id, Arc::new(Entry::new(id, open, scans)));
+        }
+        self.count.store(sessions.open.len(), Ordering::Relaxed);
+        self.sessions = Mutex::new(sessions);
+        self.store = Some(store);
+        Ok(self)
+    }
+
+    /// Whether sessions are kept on disk.
+    pub fn keeps_state(&self) -> bool {
+        self.store.is_some()
     }
 
     /// The limits.
-    pub fn limits(&self) -> &Limits {
+    pub fn limits(&self) -> &ServiceConfig {
         &self.limits
     }
 
-    /// Answers one request. `may_read_files`: whether a scan may be given as a path.
+    /// What is held.
+    pub fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    /// For one request.
+    pub fn patience(&self) -> Patience {
+        Patience::new(self.limits.deadline(), &self.halted)
+    }
+
+    /// Is the service there? Waits for nothing.
+    pub fn health(&self) -> Result<Reply, Refusal> {
+        let status = if self.stopping.is_set() { "stopping" } else { "ok" };
+        Reply::of(&json!({
+            "status": status, "sessions": self.count.load(Ordering::Relaxed), "network": self.network.is_some(),
+            "memory_mib": self.memory.used() >> 20,
+        }))
+    }
+
+    /// The open sessions.
+    pub fn list(&self) -> Result<Reply, Refusal> {
+        let sessions = lock(&self.sessions);
+        let names: Vec<String> = sessions.open.keys().map(u64::to_string).collect();
+        let show = |(id, entry): (&u64, &Arc<Entry>)| {
+            json!({
+                "session": id.to_string(), "scans": entry.scans.load(Ordering::Relaxed),
+                "memory_mib": entry.bytes.load(Ordering::Relaxed) >> 20, "idle_s": lock(&entry.used).elapsed().as_secs(),
+            })
+        };
+        let open: Vec<_> = sessions.open.iter().map(show).collect();
+        Reply::of(&json!({ "sessions": names, "open": open }))
+    }
+
+    /// A new session.
     ///
     /// # Errors
-    /// What is wrong with the request.
-    pub fn handle(
-        &self,
-        method: Method,
-        session: Option<&str>,
-        body: Body,
-        may_read_files: bool,
-    ) -> Result<Value, Refusal> {
-        match method {
-            Method::Health => {
-                return Ok(
-                    json!({ "status": "ok", "sessions": lock(&self.sessions).1.len(), "network": self.network.is_some() }),
-                );
-            }
-            Method::List => {
-                let names: Vec<String> = lock(&self.sessions).1.keys().map(u64::to_string).collect();
-                return Ok(json!({ "sessions": names }));
-            }
-            Method::Create => return self.create(body.parse()?),
-            _ => {}
-        }
-        let name = session.ok_or_else(|| Refusal::new(400, "no_session", "name the session (create one first)"))?;
-        let unknown = || Refusal::new(404, "unknown_session", format!("there is no session {name:?}"));
-        let id: u64 = name.parse().map_err(|_| unknown())?;
-        if method == Method::Delete {
-            let gone = lock(&self.sessions).1.remove(&id);
-            return gone.map(|_| json!({ "deleted": name })).ok_or_else(unknown);
-        }
-        let entry = lock(&self.sessions).1.get(&id).cloned().ok_or_else(unknown)?;
-        *lock(&entry.used) = Instant::now();
-        let mut session = lock(&entry.session);
-        match method {
-            Method::AddScan => self.add_scan(&mut session, body.parse()?, may_read_files),
-            Method::NextView => next_view(&mut session, body.parse()?),
-            Method::Undo if session.undo() => Ok(json!({ "scans": session.num_scans() })),
-            Method::Undo => Err(SessionError::NoScan.into()),
-            Method::Reset => {
-                session.reset();
-                Ok(json!({ "scans": 0 }))
-            }
-            _ => Ok(export(&session)),
-        }
-    }
-
-    fn create(&self, request: CreateRequest) -> Result<Value, Refusal> {
-        let config = request.over(&self.config)?;
-        let session = Session::new(config, self.network.clone())?;
+    /// Bad settings, or too many sessions.
+    pub fn create(&self, request: CreateRequest, key: Option<Key>) -> Result<Reply, Refusal> {
         let mut sessions = lock(&self.sessions);
-        if sessions.1.len() >= self.limits.sessions {
-            let idle = sessions.1.iter().map(|(id, entry)| (*lock(&entry.used), *id)).min();
-            match idle.filter(|(used, _)| used.elapsed() > self.limits.idle) {
-                Some((_, id)) => sessions.1.remove(&id),
-                None => {
-                    let message =
-                        format!("{} sessions are open, no more are allowed: delete one", self.limits.sessions);
-                    return Err(Refusal::new(429, "too_many_sessions", message));
-                }
-            };
+        if let Some(known) = sessions.answers.find(key.as_ref()) {
+            return known;
         }
-        sessions.0 += 1;
-        let id = sessions.0;
-        sessions.1.insert(id, Arc::new(Entry { session: Mutex::new(session), used: Mutex::new(Instant::now()) }));
-        Ok(json!({ "session": id.to_string() }))
+        let answer = self.open(&mut sessions, request);
+        sessions.answers.keep(key, &answer);
+        answer
     }
 
-    fn add_scan(&self, session: &mut Session, request: ScanRequest, may_read_files: bool) -> Result<Value, Refusal> {
-        let full =
-            |what: String| Refusal::new(429, "session_full", format!("{what}: undo, reset or start another session"));
-        if session.num_scans() >= self.limits.scans {
-            return Err(full(format!("the session has {} scans, the most allowed", session.num_scans())));
+    fn open(&self, sessions: &mut Sessions, request: CreateRequest) -> Result<Reply, Refusal> {
+        let config = over(&self.config, request.config)?;
+        check(&config)?;
+        if sessions.open.len() >= self.limits.sessions {
+            let longest = sessions.open.iter().map(|(id, e)| (*lock(&e.used), id)).min();
+            let longest = longest.map_or(String::new(), |(used, id)| {
+                format!(" (longest unused: {id}, for {} s)", used.elapsed().as_secs())
+            });
+            let most = self.limits.sessions;
+            let message = format!("{most} sessions are open, no more are allowed: delete those that are done{longest}");
+            return Err(Refusal::new(429, "too_many_sessions", message));
         }
-        let scan = request.into_scan(session.config(), may_read_files)?;
-        let report = session.add_scan(scan)?;
-        if session.memory() > self.limits.memory {
-            session.undo();
-            return Err(full(format!("the scans of a session may hold {} MiB", self.limits.memory >> 20)));
+        let open = Open::empty(config, self.network.clone(), &self.memory)?;
+        sessions.last += 1;
+        let id = sessions.last;
+        if let Some(store) = &self.store {
+            store.create(id, &open.record())?;
         }
-        Ok(json!({ "scans": session.num_scans(), "report": report }))
+        sessions.open.insert(id, Arc::new(Entry::new(id, open, 0)));
+        self.count.store(sessions.open.len(), Ordering::Relaxed);
+        Ok(Reply { status: 201, ..Reply::of(&json!({ "session": id.to_string() }))? })
+    }
+
+    /// The session that was opened first; a new one where there is none.
+    ///
+    /// # Errors
+    /// As [`Service::create`].
+    pub fn first(&self) -> Result<Arc<Entry>, Refusal> {
+        let mut sessions = lock(&self.sessions);
+        if sessions.open.is_empty() {
+            self.open(&mut sessions, CreateRequest::default())?;
+        }
+        sessions.open.values().next().cloned().ok_or_else(Refusal::internal)
+    }
+
+    /// Ends a session; who works on it ends his request first.
+    ///
+    /// # Errors
+    /// There is none of this name.
+    pub fn delete(&self, name: &str, key: Option<Key>) -> Result<Reply, Refusal> {
+        let mut sessions = lock(&self.sessions);
+        if let Some(known) = sessions.answers.find(key.as_ref()) {
+            return known;
+        }
+        let known = name.parse().ok().filter(|id| sessions.open.contains_key(id)).ok_or_else(|| unknown(name));
+        let answer = known.and_then(|id: u64| {
+            self.store.as_ref().map_or(Ok(()), |store| store.remove(id))?;
+            sessions.open.remove(&id);
+            self.count.store(sessions.open.len(), Ordering::Relaxed);
+            Reply::of(&json!({ "deleted": name }))
+        });
+        sessions.answers.keep(key, &answer);
+        answer
+    }
+
+    /// The session of this name.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn entry(&self, name: Option<&str>) -> Result<Arc<Entry>, Refusal> {
+        let name = name.ok_or_else(|| Refusal::new(400, "no_session", "name the session (create one first)"))?;
+        let id: u64 = name.parse().map_err(|_| unknown(name))?;
+        let entry = lock(&self.sessions).open.get(&id).cloned().ok_or_else(|| unknown(name))?;
+        *lock(&entry.used) = Instant::now();
+        Ok(entry)
     }
 }
 
-fn next_view(session: &mut Session, request: NextRequest) -> Result<Value, Refusal> {
-    if request.config.is_some() {
-        let config = CreateRequest { config: request.config }.over(session.config())?;
-        session.configure(config)?;
-    }
-    let answer = session.next_view_for(&Request { current_position_m: request.current_position_m })?;
-    serde_json::to_value(answer).map_err(|e| Refusal::new(500, "internal", e.to_string()))
-}
-
-fn export(session: &Session) -> Value {
-    let cloud = session.cloud();
-    json!({
-        "scans": session.num_scans(), "config": session.config(),
-        "points_m": cloud.points, "normals": cloud.normals, "spacing_m": session.state().grid_size,
-    })
+fn unknown(name: &str) -> Refusal {
+    let shown: String = name.chars().take(40).collect();
+    Refusal::new(404, "unknown_session", format!("there is no session {shown:?}"))
 }

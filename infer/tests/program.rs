@@ -33,6 +33,28 @@ fn clouds_alone_are_carved_from_estimated_cameras_unless_the_network_is_asked_fo
 }
 
 #[test]
+fn a_session_goes_on_from_command_to_command() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = folder.path().join("part").display().to_string();
+    let from = ["--from", "0.8,0.2,0.9"];
+    let first = answer(&["--session", &session, from[0], from[1]], &["scan1.ply"]);
+    assert_eq!(first, answer(&from, &["scan1.ply"]), "as without");
+    let second = answer(&["--session", &session, from[0], from[1]], &["scan2.ply"]);
+    assert_eq!(second["cloud"]["scans"], 2, "{second}");
+    let both = answer(&["--from", "0.8,0.2,0.9", "0.8,0.2,0.9"], &["scan1.ply", "scan2.ply"]);
+    assert_eq!(second["candidates"], both["candidates"], "as if both were given at once");
+    let run = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_infer")).args(["--session", &session]).args(arguments).output().expect("runs")
+    };
+    let again = run(&["--json", "--distance", "0.9"]);
+    let again: serde_json::Value = serde_json::from_slice(&again.stdout).expect("an answer");
+    assert_eq!((&again["cloud"]["scans"], &again["candidates"][0]["working_distance_m"]), (&2.into(), &0.9.into()));
+    let missing = run(&["--scan", "nowhere.ply"]);
+    let error = String::from_utf8_lossy(&missing.stderr);
+    assert!(!missing.status.success() && error.contains("nowhere.ply"), "{error}");
+}
+
+#[test]
 fn weights_of_ones_own_replace_the_bundled_ones() {
     let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/benbv-net");
     let same = answer(&["--weights", &bundled.display().to_string()], &["scan1.ply"]);

@@ -174,7 +174,7 @@ fn a_request_holds_for_itself_alone() {
     let limit = planning::ConstraintsConfig { max_travel_m: Some(0.5), ..Default::default() };
     session.configure(SessionConfig { constraints: limit, ..farthest() }).expect("in range");
     let before = session.next_view().expect("an answer");
-    let below = planning::session::Request { current_position_m: Some([0.0, 0.0, -1.2]) };
+    let below = planning::session::Request { current_position_m: Some([0.0, 0.0, -1.2]), ..Default::default() };
     let other = session.next_view_for(&below).expect("an answer");
     assert_ne!(before.excluded, other.excluded, "another position is within reach of other views");
     assert_eq!(session.next_view().expect("an answer"), before, "and is forgotten");
@@ -361,7 +361,7 @@ fn given_views_are_taken_one_after_another_and_another_request_asks_no_planner()
     let next = answer.next.expect("three are left");
     let pose = turn(90.0 * next.given.expect("one of those given") as f64);
     assert_eq!(next.world_from_camera, planning::pose::Pose::from(&pose), "as it was given");
-    let elsewhere = planning::session::Request { current_position_m: Some([1.0, 0.0, 0.0]) };
+    let elsewhere = planning::session::Request { current_position_m: Some([1.0, 0.0, 0.0]), ..Default::default() };
     let again = session.next_view_for(&elsewhere).expect("an answer");
     assert_eq!(again.next.map(|n| n.score), Some(next.score), "the planner's score stays");
 }

@@ -72,6 +72,10 @@ impl EstimatedCamera {
     }
 }
 
+fn yes() -> bool {
+    true
+}
+
 /// The next view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
@@ -94,6 +98,9 @@ pub struct Answer {
     pub surface: Option<Surface>,
     /// What is missing of the surface, where the planner makes it out.
     pub missing: Option<Missing>,
+    /// False where the deadline passed before all views were scored, and the best so far was asked for.
+    #[serde(default = "yes")]
+    pub complete: bool,
     /// All candidates, best first, those ruled out last.
     pub candidates: Vec<Candidate>,
     /// How many candidates each constraint rules out.

@@ -7,6 +7,13 @@ use crate::pose::PoseConfig;
 use geometry::PinholeCamera;
 use serde::{Deserialize, Serialize};
 
+/// Largest `max_points`.
+pub const MAX_POINTS: usize = 200_000;
+/// Points times working distances.
+const MAX_POINTS_OF_ALL_STEPS: usize = 1_000_000;
+/// Pixels of the next scan's camera.
+const MAX_PIXELS: u64 = 1 << 25;
+
 /// Everything that decides an answer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -95,7 +102,7 @@ impl SessionConfig {
             let found = self.working_distance_steps.to_string();
             return Err(ConfigError { key: "working_distance_steps", found, expected: "1 to 20" });
         }
-        if !(self.max_points == 0 || (100..=200_000).contains(&self.max_points)) {
+        if !(self.max_points == 0 || (100..=MAX_POINTS).contains(&self.max_points)) {
             let found = self.max_points.to_string();
             return Err(ConfigError { key: "max_points", found, expected: "100 to 200,000, or 0 to keep all" });
         }
@@ -111,8 +118,21 @@ impl SessionConfig {
             let found = self.stop_below.to_string();
             return Err(ConfigError { key: "stop_below", found, expected: "a share from 0 to 1" });
         }
+        self.check_work()?;
         self.camera.check()?;
         self.constraints.check()
+    }
+
+    /// Refuses what multiplies to more work than a decision can be waited for.
+    fn check_work(&self) -> Result<(), ConfigError> {
+        let steps = self.working_distances().len();
+        let points = if self.max_points == 0 { MAX_POINTS } else { self.max_points };
+        if steps > 1 && steps * points > MAX_POINTS_OF_ALL_STEPS {
+            let found = format!("{steps} with max_points = {}", self.max_points);
+            let expected = "at most 1,000,000 points in all steps: fewer steps, or a smaller max_points";
+            return Err(ConfigError { key: "working_distance_steps", found, expected });
+        }
+        Ok(())
     }
 
     /// Distances to plan at: one, or evenly spaced over the range.
@@ -201,6 +221,11 @@ impl CameraConfig {
             let found = format!("{} x {}", self.width, self.height);
             return Err(ConfigError { key: "camera.width, camera.height", found, expected: "1 to 16,384 pixels" });
         }
+        if u64::from(self.width) * u64::from(self.height) > MAX_PIXELS {
+            let found = format!("{} x {}", self.width, self.height);
+            let expected = "at most 33,554,432 pixels in all";
+            return Err(ConfigError { key: "camera.width, camera.height", found, expected });
+        }
         if !(self.fov_y_deg > 0.0 && self.fov_y_deg < 180.0) {
             let found = self.fov_y_deg.to_string();
             return Err(ConfigError { key: "camera.fov_y_deg", found, expected: "between 0 and 180" });
@@ -251,6 +276,13 @@ mod tests {
         assert_eq!(wrong(|c| c.tolerance_m = f64::NAN), "tolerance_m", "NaN");
         assert_eq!(wrong(|c| c.working_distance_range_m = Some([1.0, 0.5])), "working_distance_range_m", "reversed");
         assert_eq!(wrong(|c| c.max_points = 3), "max_points", "too few points");
+        assert_eq!(wrong(|c| (c.camera.width, c.camera.height) = (16_384, 16_384)), "camera.width, camera.height");
+        let wide = |c: &mut SessionConfig| {
+            (c.working_distance_range_m, c.working_distance_steps, c.max_points) = (Some([0.5, 1.5]), 20, 200_000);
+        };
+        assert_eq!(wrong(wide), "working_distance_steps", "20 decisions on 200,000 points");
+        assert_eq!(wrong(|c| c.constraints.visited_m = vec![[0.0; 3]; 10_001]), "constraints.visited_m");
+        assert_eq!(wrong(|c| c.constraints.keep_out_m = vec![[[0.0; 3]; 2]; 1_001]), "constraints.keep_out_m");
         assert_eq!(wrong(|c| c.camera.fov_y_deg = 180.0), "camera.fov_y_deg", "half space");
         assert_eq!(wrong(|c| c.constraints.up = [0.0; 3]), "constraints.up", "no direction");
     }

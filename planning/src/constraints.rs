@@ -108,6 +108,12 @@ impl ConstraintsConfig {
         if !(0.0..=1.0).contains(&self.min_overlap) {
             return wrong("constraints.min_overlap", self.min_overlap.to_string(), "a share from 0 to 1");
         }
+        if self.keep_out_m.len() > 1_000 {
+            return wrong("constraints.keep_out_m", format!("{} boxes", self.keep_out_m.len()), "at most 1,000");
+        }
+        if self.visited_m.len() > 10_000 {
+            return wrong("constraints.visited_m", format!("{} positions", self.visited_m.len()), "at most 10,000");
+        }
         let positions = self.current_position_m.iter().chain(&self.visited_m);
         for position in positions {
             if !finite(position) {

@@ -27,6 +27,7 @@
 
 pub mod accumulate;
 pub mod answer;
+pub mod budget;
 pub mod candidates;
 pub mod config;
 pub mod constraints;
@@ -48,6 +49,7 @@ pub mod thin;
 
 pub use accumulate::Accumulate;
 pub use answer::{Answer, Candidate};
+pub use budget::{Budget, Left, Stopped};
 pub use candidates::{Angles, CandidateConfig, CandidateView, Observation, candidate_views, candidate_views_among};
 pub use config::{ConfigError, PlannerName, SessionConfig};
 pub use constraints::{Constraint, ConstraintsConfig};

@@ -1,6 +1,6 @@
 //! What a policy answers, and how it fails.
 
-use crate::ScanState;
+use crate::{ScanState, Stopped};
 use geometry::View;
 use rand_chacha::ChaCha8Rng;
 
@@ -56,6 +56,9 @@ pub enum PlanError {
         /// What it lacks.
         lacks: String,
     },
+    /// It was stopped ([`ScanState::budget`]).
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
     /// Its own fault.
     #[error("planner {planner} failed: {why}")]
     Failed {

@@ -5,7 +5,7 @@ use crate::config::SessionConfig;
 use crate::doubt::{self, PositionDoubt};
 use crate::estimate::estimated_scans;
 use crate::thin;
-use crate::{CameraPose, Misses, PastScan, Seen};
+use crate::{Budget, CameraPose, Misses, PastScan, Seen, Stopped};
 use geometry::{
     BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, estimate_normals,
     mean_spacing, mean_spacing_among, normals_of, orient_normals_along, orient_normals_among, orient_normals_toward,
@@ -31,6 +31,8 @@ pub(crate) enum Refusal {
     TooFew(ScanReport),
     /// How large it is, metres.
     TooSmall(f64),
+    /// It took too long.
+    Stopped(Stopped),
 }
 
 /// What a scan is known by, world frame, metres.
@@ -136,10 +138,11 @@ pub(crate) fn neighborhoods(points: &[Point3<f64>]) -> Neighborhoods {
 /// Cleans and thins a scan and gives it normals; the neighbours of its points come with it where they were needed.
 ///
 /// # Errors
-/// Fewer than `min_points` points remain, or they are nearer together than any sensor resolves.
+/// Fewer than `min_points` points remain, they are nearer together than any sensor resolves, or it takes too long.
 pub(crate) fn prepare(
     mut scan: Scan,
     config: &SessionConfig,
+    budget: &Budget,
 ) -> Result<(PreparedScan, Option<Neighborhoods>), Refusal> {
     let raw = match &mut scan {
         Scan::Cloud { cloud, .. } => std::mem::take(cloud),
@@ -163,6 +166,8 @@ pub(crate) fn prepare(
         kept.retain(|&i| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&raw.points[i][axis])));
         report.outside_region = before - kept.len();
     }
+    let in_time = || budget.allows(false).map_err(Refusal::Stopped);
+    in_time()?;
     let all = thin::select(&raw, &kept);
     let (low, high) = all.bounding_box();
     let across = (high - low).amax();
@@ -171,9 +176,11 @@ pub(crate) fn prepare(
     }
     let too_many = config.max_points > 0 && all.len() > config.max_points;
     let spacing_of_all = if too_many { thin::spacing_of_all(&all.points, config.max_points, config.seed) } else { 0.0 };
+    in_time()?;
     let radius = thin::radius_for(&all.points, config.max_points, spacing_of_all, config.seed);
     let mut cloud = thin::select(&all, &thin::thin(&all.points, radius));
     report.thinned = all.len() - cloud.len();
+    in_time()?;
     let mut near = None;
     if config.outlier_factor > 0.0 {
         let found = neighborhoods(&cloud.points);
@@ -189,6 +196,7 @@ pub(crate) fn prepare(
     if cloud.len() < config.min_points {
         return Err(Refusal::TooFew(report));
     }
+    in_time()?;
     let forward = match &scan {
         Scan::Depth { world_from_camera, .. } => Some(world_from_camera * Vector3::z()),
         Scan::Cloud { .. } => None,
@@ -207,6 +215,7 @@ pub(crate) fn prepare(
             oriented = true;
         }
     }
+    in_time()?;
     let spacing = match &near {
         Some(near) => mean_spacing_among(&cloud.points, near),
         None => mean_spacing(&cloud.points),
@@ -227,6 +236,7 @@ pub(crate) fn prepare(
             let near = near.get_or_insert_with(|| neighborhoods(&cloud.points));
             orient_normals_among(&mut cloud, near, ORIENTATION_NEIGHBORS);
         }
+        in_time()?;
         let measured = thin::sample(&all.points, 60_000, config.seed, "infer/density");
         past = estimated_scans(&mut cloud, &measured, distance, spacing);
     }

@@ -1,5 +1,6 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
+mod bounds;
 mod doubts;
 mod error;
 mod missing;
@@ -16,8 +17,7 @@ use crate::planners::auto::{AutoPlanner, Network};
 use crate::pose::{Pose, world_from_camera};
 use crate::scan::{PreparedScan, Refusal, Scan, ScanReport, prepare};
 use crate::stop::Stop;
-use crate::{Accumulate, Evidence, Planner};
-use crate::{PastScan, ScanState, Seen};
+use crate::{Accumulate, Budget, Evidence, Planner, ScanState};
 use crate::{accumulate, overlap, thin};
 use geometry::{PointCloud, mean_spacing};
 use nalgebra::{Isometry3, Point3};
@@ -127,10 +127,19 @@ impl Session {
     /// # Errors
     /// Too few usable points: the session stays as it was.
     pub fn add_scan(&mut self, scan: Scan) -> Result<ScanReport, SessionError> {
+        self.add_scan_within(scan, &Budget::default())
+    }
+
+    /// [`Session::add_scan`] in limited time.
+    ///
+    /// # Errors
+    /// As [`Session::add_scan`], or it takes too long.
+    pub fn add_scan_within(&mut self, scan: Scan, budget: &Budget) -> Result<ScanReport, SessionError> {
         let least = self.config.min_points;
-        let (prepared, near) = prepare(scan, &self.config).map_err(|refusal| match refusal {
+        let (prepared, near) = prepare(scan, &self.config, budget).map_err(|refusal| match refusal {
             Refusal::TooFew(report) => SessionError::TooFewPoints { report, least },
             Refusal::TooSmall(across_m) => SessionError::TooSmall { across_m },
+            Refusal::Stopped(stopped) => SessionError::Stopped(stopped),
         })?;
         let report = prepared.report.clone();
         self.scans.push(prepared);
@@ -162,16 +171,6 @@ impl Session {
         self.scans.len()
     }
 
-    /// Memory that the scans and the neighbours of their points hold, roughly, in bytes.
-    pub fn memory(&self) -> usize {
-        let seen = |past: &Arc<PastScan>| match &past.seen {
-            Seen::Depth { depth, .. } => 4 * depth.depth.len(),
-            Seen::Points(points) => 24 * points.len(),
-        };
-        let near = self.state.near.get().map_or(0, |near| 8 * near.k() * near.len());
-        near + self.scans.iter().map(|s| 96 * s.cloud.len() + s.past.iter().map(seen).sum::<usize>()).sum::<usize>()
-    }
-
     /// The accumulated cloud that is planned on.
     pub fn cloud(&self) -> &PointCloud {
         &self.state.cloud
@@ -199,7 +198,8 @@ impl Session {
     /// The next view, with all candidates, where the camera may go by the settings.
     ///
     /// # Errors
-    /// No scan, a planner that cannot work with what is known or fails, or travel limits without a current position.
+    /// No scan, a planner that cannot work with what is known or fails, travel limits without a current position, or no
+    /// answer in time.
     pub fn next_view(&mut self) -> Result<Answer, SessionError> {
         self.next_view_for(&Request::default())
     }
@@ -223,11 +223,14 @@ impl Session {
         }
         let (config, num_scans) = (&self.config, self.scans.len());
         let choice = self.planners.choose(&self.state)?;
+        let budget = &request.budget;
+        self.state.budget = budget.clone();
         let ranking = match self.ranking.take() {
             Some(known) => known,
             None => rank(&mut self.planners, &mut self.state, config, num_scans, choice.planner)?,
         };
-        let &mut Ranking { views: ref ranked, boundary } = self.ranking.insert(ranking);
+        let complete = ranking.complete;
+        let &mut Ranking { views: ref ranked, boundary, .. } = self.ranking.insert(ranking);
         let given = self.state.given();
         let scanned: Vec<Point3<f64>> = if given.is_empty() { Vec::new() } else { positions.clone() };
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
@@ -243,6 +246,7 @@ impl Session {
         let usual_scan = overlap::usual_scan(&self.state.cloud, self.scans.len());
         let mut candidates: Vec<Candidate> = ranked
             .iter()
+            .take_while(|_| budget.allows(true).is_ok())
             .map(|(ranked, distance)| {
                 let view = &ranked.view;
                 let overlap = ranked.overlap.or_else(|| {
@@ -272,6 +276,10 @@ impl Session {
                 }
             })
             .collect();
+        budget.allows(true)?;
+        if !complete {
+            self.ranking = None;
+        }
         let travel = |c: &Candidate| current.map_or(0.0, |from| (Point3::from(c.position_m) - from).norm());
         // Of given views that are equally good the nearer. Stable: equal ones stay in the planner's order.
         candidates.sort_by(|a, b| {
@@ -294,6 +302,7 @@ impl Session {
             cloud: self.summary(boundary),
             surface,
             missing,
+            complete,
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
             warnings: self.warnings(next.as_ref(), &candidates),
             next,
@@ -368,6 +377,7 @@ impl Session {
             camera: config.camera.camera(),
             given_views: Arc::clone(&self.given_views),
             near: OnceLock::new(),
+            budget: Budget::default(),
         };
     }
 }

@@ -1,5 +1,6 @@
 //! What a policy may see.
 
+use crate::Budget;
 use crate::estimate::Trust;
 use geometry::neighbors::{NeighborGrid, Neighborhoods};
 use geometry::{DepthImage, PinholeCamera, PointCloud, View};
@@ -80,6 +81,8 @@ pub struct ScanState {
     pub camera: PinholeCamera,
     /// Poses that the next view is chosen from (`world_from_camera`); empty: views at the boundary of the cloud.
     pub given_views: Arc<[Isometry3<f64>]>,
+    /// How long the decision may take: asked between views.
+    pub budget: Budget,
     /// Neighbourhoods of the cloud's points, found when first asked for.
     pub near: OnceLock<Neighborhoods>,
 }

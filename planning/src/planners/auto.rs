@@ -169,6 +169,11 @@ impl AutoPlanner {
         self.network.is_some()
     }
 
+    /// Memory held, bytes.
+    pub(crate) fn memory(&self) -> usize {
+        self.volumetric.memory()
+    }
+
     /// Other settings; what is known of the scans stays where it does not depend on what changed.
     pub(crate) fn configure(&mut self, config: &SessionConfig) {
         self.asked = config.planner;
@@ -215,6 +220,7 @@ impl AutoPlanner {
         state: &ScanState,
         rng: &mut ChaCha8Rng,
     ) -> Result<Vec<RankedView>, PlanError> {
+        state.budget.allows(false)?;
         match planner {
             PlannerName::BenbvNet => match &self.network {
                 Some(network) => network.rank(state, rng),

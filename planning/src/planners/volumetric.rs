@@ -23,6 +23,7 @@ use march::Marcher;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use silhouette::Silhouette;
 use std::sync::Arc;
 
 /// A cube in which the object stands.
@@ -163,7 +164,8 @@ impl VolumetricPlanner {
 
     /// Memory held, bytes.
     pub fn memory(&self) -> usize {
-        self.grid.as_ref().map_or(0, VoxelGrid::memory)
+        let silhouettes = self.carved.iter().filter_map(|c| c.silhouette.as_deref()).map(Silhouette::memory);
+        silhouettes.sum::<usize>() + self.grid.as_ref().map_or(0, VoxelGrid::memory)
     }
 
     fn new_grid(&self, state: &ScanState) -> VoxelGrid {
@@ -181,7 +183,8 @@ impl VolumetricPlanner {
         VoxelGrid::new(&Point3::from(workspace.center_m), workspace.half_m.max(voxel), voxel)
     }
 
-    /// What the candidates of this state promise; without views where nothing can be said.
+    /// What the candidates of this state promise; without views where nothing can be said, and without those that there was
+    /// no time for.
     pub fn forecast(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Forecasts {
         let cloud = &state.cloud;
         if state.scans.is_empty() || cloud.is_empty() || !cloud.has_normals() {
@@ -195,6 +198,10 @@ impl VolumetricPlanner {
             state.given().into_iter().zip(state.given_views.iter().copied()).collect()
         };
         let mut grid = self.carved_grid(state);
+        if state.budget.is_spent() {
+            self.grid = Some(grid);
+            return Forecasts::default();
+        }
         grid.set_cloud(cloud);
         let known_m2 = grid.estimate_covered(cloud, &near, state.reach);
         grid.relax();
@@ -208,12 +215,15 @@ impl VolumetricPlanner {
         let marcher = Marcher::new(&grid, carves);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
         let look = |(view, pose): &(View, Isometry3<f64>)| {
+            if state.budget.is_spent() {
+                return None;
+            }
             let seen = marcher.forecast(&state.camera, pose, stride, state.tolerance);
             let area = seen.area;
             // What lies beyond bounds the gain from above; it means nothing where misses do not carve.
             let new = area.covered + if carves { 0.5 * area.beyond } else { 0.0 };
             let all = (seen.hidden + seen.known).max(1.0);
-            ViewForecast {
+            Some(ViewForecast {
                 view: *view,
                 gain: new / total,
                 told_gain: (area.expected / total).min(missing),
@@ -223,12 +233,12 @@ impl VolumetricPlanner {
                 known_m2: area.known,
                 expected_m2: area.expected,
                 pixels: [seen.hidden, seen.expected, seen.known, seen.known_behind, seen.covered].map(|n| n / all),
-            }
+            })
         };
         // Episodes side by side, on threads of rayon's, fill the cores already.
         let views = match rayon::current_thread_index() {
-            Some(_) => candidates.iter().map(look).collect(),
-            None => candidates.par_iter().map(look).collect(),
+            Some(_) => candidates.iter().filter_map(look).collect(),
+            None => candidates.par_iter().filter_map(look).collect(),
         };
         self.grid = Some(grid);
         Forecasts { views, surface }
@@ -285,6 +295,7 @@ impl Planner for VolumetricPlanner {
             return Err(PlanError::lacks("volumetric", format!("the cameras of {known} of {all} scans are known")));
         }
         let forecasts = self.forecast(state, rng);
+        state.budget.allows(!forecasts.views.is_empty())?;
         checked("volumetric", self.rank(&forecasts), PlanError::NoBoundary)
     }
 

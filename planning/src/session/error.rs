@@ -1,9 +1,9 @@
 //! Why a session has no answer.
 
-use crate::PlanError;
 use crate::config::ConfigError;
 use crate::planners::auto::ChooseError;
 use crate::scan::ScanReport;
+use crate::{PlanError, Stopped};
 
 /// Why no answer can be given.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -36,11 +36,23 @@ pub enum SessionError {
     },
     /// The planner has no view for a reason that is no end.
     #[error(transparent)]
-    Plan(#[from] PlanError),
+    Plan(PlanError),
+    /// It took too long, or nobody waits any longer; the session is as it was.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
     /// Travel is limited or weighed, from nowhere.
     #[error(
         "max_travel_m and travel_weight_per_m need the camera's position: set constraints.current_position_m, \
          or give the position that the last scan was taken from (--from x,y,z)"
     )]
     NoCurrentPosition,
+}
+
+impl From<PlanError> for SessionError {
+    fn from(error: PlanError) -> Self {
+        match error {
+            PlanError::Stopped(stopped) => Self::Stopped(stopped),
+            other => Self::Plan(other),
+        }
+    }
 }

@@ -11,13 +11,32 @@ use geometry::{BoundaryConfig, boundary_among, rng};
 pub(super) struct Ranking {
     pub(super) views: Vec<(RankedView, f64)>,
     pub(super) boundary: usize,
+    /// Whether time sufficed for all of them.
+    pub(super) complete: bool,
 }
 
-/// Asks a planner at every working distance.
+/// Asks a planner at every working distance. Where time does not suffice for all, what the planners remember stays as it was:
+/// the next answer is the one that would have been given had nobody asked before.
 ///
 /// # Errors
-/// A planner that fails, or has no view though the surface is open.
+/// A planner that fails, has no view though the surface is open, or is stopped.
 pub(super) fn rank(
+    planners: &mut AutoPlanner,
+    state: &mut ScanState,
+    config: &SessionConfig,
+    num_scans: usize,
+    planner: PlannerName,
+) -> Result<Ranking, SessionError> {
+    let before = state.budget.is_limited().then(|| planners.clone());
+    let ranking = rank_all(planners, state, config, num_scans, planner);
+    let stopped = ranking.as_ref().map_or_else(|e| matches!(e, SessionError::Stopped(_)), |r| !r.complete);
+    if let Some(before) = before.filter(|_| stopped) {
+        *planners = before;
+    }
+    ranking
+}
+
+fn rank_all(
     planners: &mut AutoPlanner,
     state: &mut ScanState,
     config: &SessionConfig,
@@ -30,15 +49,23 @@ pub(super) fn rank(
         distances.truncate(1);
     }
     for distance in distances {
+        if state.budget.is_spent() {
+            state.budget.allows(!views.is_empty())?;
+            break;
+        }
         // One stream for all distances: the candidates differ by the distance alone.
         let mut rng = rng::stream(config.seed, &format!("infer/view/{num_scans}"));
         state.working_distance = distance;
         match planners.rank(planner, state, &mut rng) {
             Ok(ranked) => views.extend(ranked.into_iter().map(|view| (view, distance))),
             Err(PlanError::NoBoundary) => {}
+            Err(PlanError::Stopped(_)) if state.budget.allows(!views.is_empty()).is_ok() => break,
             Err(error) => return Err(error.into()),
         }
     }
+    // Out of time as soon as all were scored counts as before: that is not told apart.
+    let complete = !state.budget.is_spent();
+    state.budget.allows(!views.is_empty())?;
     let boundary = BoundaryConfig::default();
     let near = state.neighborhoods(boundary.neighbors);
     let boundary = boundary_among(&state.cloud, &near, near.mean_distance(), &boundary).len();
@@ -46,5 +73,5 @@ pub(super) fn rank(
         let why = format!("none of the {boundary} boundary points has a normal to look along");
         return Err(PlanError::no_view(planner.as_str(), why).into());
     }
-    Ok(Ranking { views, boundary })
+    Ok(Ranking { views, boundary, complete })
 }

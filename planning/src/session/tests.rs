@@ -1,6 +1,7 @@
 use super::*;
 use crate::Unseen;
 use crate::stop::Missing;
+use crate::{Left, PlannerName, Stopped};
 use geometry::View;
 
 /// A sheet of 10 cm, `side` by `side` points, seen from a metre above.
@@ -97,4 +98,65 @@ fn a_least_overlap_is_asked_of_what_is_expected_less_what_it_may_be_missed_by() 
             "{overlap} expected after one scan, {middle} in the middle"
         );
     }
+}
+
+/// Time for `checks` questions.
+fn budget(checks: usize, after: Left) -> Budget {
+    let asked = std::sync::atomic::AtomicUsize::new(0);
+    let ask = move || asked.fetch_add(1, std::sync::atomic::Ordering::SeqCst);
+    Budget::new(move || if ask() < checks { Left::Time } else { after })
+}
+
+#[test]
+fn a_decision_ends_when_its_time_does_and_can_be_asked_for_again() {
+    let config = SessionConfig { planner: PlannerName::Volumetric, ..Default::default() };
+    let mut session = session(40, config);
+    let mut whole = session.clone();
+    let whole = whole.next_view().expect("an answer");
+    for (after, expected) in [(Left::Nothing, Stopped::Late), (Left::Nobody, Stopped::Cancelled)] {
+        for checks in [0, 1, 3, 8, 20, 50] {
+            let request = Request { budget: budget(checks, after), ..Default::default() };
+            let stopped = session.next_view_for(&request).map(|answer| answer.candidates.len());
+            assert_eq!(stopped, Err(SessionError::Stopped(expected)), "after {checks} checks");
+        }
+    }
+    assert!(session.next_view() == Ok(whole), "nothing was spoilt");
+}
+
+#[test]
+fn the_best_so_far_is_an_answer_that_says_so() {
+    let config = SessionConfig { planner: PlannerName::Volumetric, ..Default::default() };
+    let mut session = session(40, config);
+    let all = session.clone().next_view().expect("an answer");
+    assert!(all.complete);
+    let late = |checks| Request { budget: budget(checks, Left::Nothing).or_best(), ..Default::default() };
+    assert!(session.next_view_for(&late(3)) == Err(SessionError::Stopped(Stopped::Late)), "no view was scored yet");
+    let some = session.next_view_for(&late(30)).expect("some views were scored");
+    assert!(!some.complete && some.candidates.len() < all.candidates.len() && some.next.is_some(), "{some:?}");
+    let known = |c: &Candidate| all.candidates.iter().any(|a| a.position_m == c.position_m);
+    assert!(some.candidates.iter().all(known), "each as in the whole answer");
+    assert!(session.next_view() == Ok(all), "and it is not kept for the next request");
+}
+
+#[test]
+fn a_scan_that_takes_too_long_is_not_added() {
+    let mut session = session(40, SessionConfig::default());
+    let before = session.next_view().expect("an answer");
+    let scan = Scan::Cloud { cloud: session.cloud().clone(), from: None };
+    for checks in 0..5 {
+        let added = session.add_scan_within(scan.clone(), &budget(checks, Left::Nobody));
+        assert_eq!(added, Err(SessionError::Stopped(Stopped::Cancelled)), "after {checks} checks");
+    }
+    assert_eq!((session.num_scans(), session.next_view()), (1, Ok(before.clone())));
+    session.add_scan(scan).expect("time enough");
+    session.restore(1);
+    assert_eq!((session.num_scans(), session.next_view()), (1, Ok(before)), "restored");
+}
+
+#[test]
+fn memory_counts_what_planners_remember() {
+    let mut session = session(40, SessionConfig { planner: PlannerName::Volumetric, ..Default::default() });
+    let before = session.memory();
+    session.next_view().expect("an answer");
+    assert!(session.memory() > before + 1_000_000, "voxels: {before}, then {}", session.memory());
 }

@@ -18,14 +18,14 @@ pub(super) struct Carved {
     /// What its misses are taken to mean: what was told, as long as no other scan sees surface there.
     misses: Misses,
     /// Where they do not tell what is background.
-    silhouette: Option<Silhouette>,
+    pub(super) silhouette: Option<Arc<Silhouette>>,
     /// Whether no other scan sees surface outside of that outline.
     trusted: bool,
 }
 
 impl Carved {
     pub(super) fn background(&self) -> Option<&Silhouette> {
-        self.silhouette.as_ref().filter(|_| self.trusted)
+        self.silhouette.as_deref().filter(|_| self.trusted)
     }
 
     /// Whether what lies behind nothing is told apart from what is not known.
@@ -47,7 +47,7 @@ fn told_misses(scan: &PastScan) -> Misses {
 }
 
 impl VolumetricPlanner {
-    /// The grid with all scans in it.
+    /// The grid with all scans in it, or as many as there was time for.
     pub(super) fn carved_grid(&mut self, state: &ScanState) -> VoxelGrid {
         let bounded = self.config.workspace.is_some();
         let same = |(old, new): (&Carved, &Arc<PastScan>)| Arc::ptr_eq(&old.scan, new);
@@ -58,6 +58,9 @@ impl VolumetricPlanner {
             self.new_grid(state)
         });
         for scan in &state.scans[self.carved.len()..] {
+            if state.budget.is_spent() {
+                return grid;
+            }
             let misses = told_misses(scan);
             grid.carve(scan, misses);
             let silhouette = self.silhouette(scan, misses, grid.voxel);
@@ -79,8 +82,9 @@ impl VolumetricPlanner {
     }
 
     /// The outline of a scan whose misses do not tell background.
-    fn silhouette(&self, scan: &PastScan, misses: Misses, voxel: f64) -> Option<Silhouette> {
-        (self.config.presume_background && misses != Misses::Free).then(|| Silhouette::of(scan, voxel)).flatten()
+    fn silhouette(&self, scan: &PastScan, misses: Misses, voxel: f64) -> Option<Arc<Silhouette>> {
+        let presumed = self.config.presume_background && misses != Misses::Free;
+        presumed.then(|| Silhouette::of(scan, voxel)).flatten().map(Arc::new)
     }
 
     /// No longer trusts the misses, and then the outline, of scans in whose background there is surface; whether there was

@@ -80,6 +80,11 @@ impl Silhouette {
         Some(Self { camera_from_world, scale, corner, size, background, deep, image })
     }
 
+    /// Bytes held.
+    pub(super) fn memory(&self) -> usize {
+        self.background.len() + self.deep.len()
+    }
+
     /// Whether a point (world frame) lies in front of or behind nothing but background.
     #[cfg(test)]
     pub(super) fn is_background(&self, p: &Point3<f64>) -> bool {

@@ -36,6 +36,7 @@ fn ball(misses: Misses) -> ScanState {
         camera,
         given_views: Default::default(),
         near: Default::default(),
+        budget: Default::default(),
     }
 }
 

@@ -1,0 +1,77 @@
+//! `--session DIR`: a session that goes on from command to command, kept as the service keeps its own.
+
+use crate::args::Args;
+use crate::load;
+use crate::request::{Ask, Body, cloud_body};
+use crate::service::{Entry, Method, Open, Service, ServiceConfig};
+use anyhow::{Context, Result};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use planning::pose::Pose;
+use planning::{Network, Scan, SessionConfig};
+use serde_json::json;
+use std::path::Path;
+
+/// Limits of a person's own command.
+const UNHURRIED: u64 = 3_600_000;
+
+/// The one session of this folder, or none yet.
+///
+/// # Errors
+/// The folder is in use or cannot be read.
+pub fn service(config: &SessionConfig, network: Option<Network>, folder: &Path) -> Result<Service> {
+    let limits = ServiceConfig {
+        deadline_ms: UNHURRIED,
+        max_deadline_ms: UNHURRIED,
+        scans: 10_000,
+        session_mib: 1 << 20,
+        memory_mib: 1 << 20,
+        ..ServiceConfig::default()
+    };
+    Service::new(config.clone(), network, limits).keeping_state(folder)
+}
+
+/// Lays these settings over the session and adds the scans of the command line: what was added stays, whatever comes after.
+///
+/// # Errors
+/// A scan that cannot be read or planned on, or a session that cannot be written.
+pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionConfig, args: &Args) -> Result<()> {
+    let (of_clouds, of_images) = args.cameras()?;
+    let mut work = |ask: Ask| {
+        let spare = service.memory().nothing();
+        service.work(entry, open, ask, None, &service.patience(), spare)
+    };
+    work(Ask::Configure(Box::new(config.clone())))?;
+    let mut add = |path: &Path, body: &[u8]| -> Result<()> {
+        let ask = Ask::parse(Method::AddScan, Body::Whole(body), false, true);
+        let reply = ask.and_then(&mut work).with_context(|| path.display().to_string())?;
+        tracing::info!("{}: {}", path.display(), String::from_utf8_lossy(&reply.body));
+        Ok(())
+    };
+    for (i, path) in args.scan.iter().enumerate() {
+        // What is wrong with it is told in full: it is the user's own.
+        let scan = match of_clouds.get(i) {
+            Some(pose) => load::cloud_from(path, args.unit, pose)?,
+            None => load::cloud(path, args.unit)?,
+        };
+        let told = match scan {
+            Scan::Cloud { from: Some(from), .. } => Some((from / args.unit.metres()).coords.into()),
+            _ => args.from.get(i).copied(),
+        };
+        add(path, &cloud_body(path, args.unit, told)?)?;
+    }
+    for (path, pose) in args.depth.iter().zip(of_images) {
+        let scan = load::depth(path, args.depth_unit, pose, args.intrinsics, config.misses)?;
+        let Scan::Depth { camera, world_from_camera, misses, .. } = scan else { continue };
+        let bytes = STANDARD.encode(load::named_bytes(path)?);
+        let is_png = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
+        let mut depth = json!({
+            "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+            "world_from_camera": Pose::from(&world_from_camera).matrix,
+            "metres_per_unit": args.depth_unit, "misses": misses,
+        });
+        depth[if is_png { "png_base64" } else { "npy_base64" }] = bytes.into();
+        add(path, json!({ "depth": depth }).to_string().as_bytes())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,165 @@
+//! Answers kept for repetition: a request whose answer was lost on the way is sent again with the same key, and gets the same
+//! bytes, without being done twice.
+
+use super::{Refusal, Reply};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Answers kept at most; older ones are forgotten.
+const ANSWERS: usize = 64;
+/// The same in bytes; the newest is kept whatever its size.
+const BYTES: usize = 4 << 20;
+/// Larger answers are not kept on disk, bytes: views are, unlike scans, not harmed by being asked for again.
+const ON_DISK: usize = 4 << 10;
+/// Characters of a key at most.
+const KEY: usize = 128;
+
+/// What tells a repeated request from another.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Key {
+    name: String,
+    /// Of all that was asked.
+    #[serde(with = "hexadecimal")]
+    asked: u64,
+}
+
+/// TOML's numbers have a sign.
+mod hexadecimal {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&format!("{value:016x}"))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        u64::from_str_radix(&text, 16).map_err(D::Error::custom)
+    }
+}
+
+/// An answer on disk.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Kept {
+    key: Key,
+    status: u16,
+    body: String,
+}
+
+impl Kept {
+    /// An answer with its key.
+    pub fn new(key: Key, reply: &Reply) -> Self {
+        Self { key, status: reply.status, body: String::from_utf8_lossy(&reply.body).into_owned() }
+    }
+}
+
+impl Key {
+    /// A key as the client gives it, with a hash of what is asked.
+    ///
+    /// # Errors
+    /// No name.
+    pub fn new(name: &str, asked: u64) -> Result<Self, Refusal> {
+        let printable = name.bytes().all(|b| b.is_ascii_graphic());
+        if name.is_empty() || name.len() > KEY || !printable {
+            let message = format!("the key for repetition: expected 1 to {KEY} visible ASCII characters");
+            return Err(Refusal::new(400, "bad_key", message));
+        }
+        Ok(Self { name: name.to_owned(), asked })
+    }
+}
+
+/// The newest answers with keys.
+#[derive(Debug, Default)]
+pub struct Answers {
+    kept: VecDeque<(Key, Result<Reply, Refusal>)>,
+    bytes: usize,
+}
+
+fn size(answer: &Result<Reply, Refusal>) -> usize {
+    256 + answer.as_ref().map_or_else(|r| r.message.len(), |r| r.body.len())
+}
+
+impl Answers {
+    /// Memory held, bytes.
+    pub fn memory(&self) -> usize {
+        self.bytes
+    }
+
+    /// The answer that this request got before.
+    pub fn find(&self, key: Option<&Key>) -> Option<Result<Reply, Refusal>> {
+        let key = key?;
+        let (known, answer) = self.kept.iter().find(|(known, _)| known.name == key.name)?;
+        if known.asked != key.asked {
+            let message = format!("the key {:?} was used for another request: take a new one", key.name);
+            return Some(Err(Refusal::new(409, "key_reused", message)));
+        }
+        Some(answer.clone())
+    }
+
+    /// The answers as they go to disk: small ones, of requests that changed something.
+    pub fn to_disk(&self) -> Vec<Kept> {
+        let small = |(key, answer): &(Key, Result<Reply, Refusal>)| {
+            let reply = answer.as_ref().ok().filter(|reply| reply.body.len() <= ON_DISK)?;
+            Some(Kept::new(key.clone(), reply))
+        };
+        self.kept.iter().filter_map(small).collect()
+    }
+
+    /// Answers that were on disk.
+    pub fn from_disk(kept: Vec<Kept>) -> Self {
+        let mut answers = Self::default();
+        for Kept { key, status, body } in kept {
+            answers.keep(Some(key), &Ok(Reply::new(status, body)));
+        }
+        answers
+    }
+
+    /// Keeps an answer, unless asking again may bring another.
+    pub fn keep(&mut self, key: Option<Key>, answer: &Result<Reply, Refusal>) {
+        let Some(key) = key else { return };
+        if answer.as_ref().is_err_and(Refusal::is_passing) {
+            return;
+        }
+        self.bytes += size(answer);
+        self.kept.push_back((key, answer.clone()));
+        while self.kept.len() > ANSWERS || (self.bytes > BYTES && self.kept.len() > 1) {
+            self.bytes -= self.kept.pop_front().map_or(0, |(_, answer)| size(&answer));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reply(bytes: usize) -> Result<Reply, Refusal> {
+        Ok(Reply::new(200, vec![b' '; bytes]))
+    }
+
+    #[test]
+    fn the_same_request_gets_the_same_answer_and_another_none() {
+        let mut answers = Answers::default();
+        let key = |name: &str, asked| Key::new(name, asked).expect("a key");
+        answers.keep(Some(key("a", 1)), &reply(10));
+        assert_eq!(answers.find(Some(&key("a", 1))).expect("kept"), reply(10));
+        assert_eq!(answers.find(Some(&key("a", 2))).expect("known").expect_err("another").status, 409);
+        assert!(answers.find(Some(&key("b", 1))).is_none() && answers.find(None).is_none());
+        answers.keep(Some(key("b", 1)), &Err(Refusal::busy()));
+        assert!(answers.find(Some(&key("b", 1))).is_none(), "to be tried again");
+        for bad in ["", "a b", "\u{e4}", &"x".repeat(129)] {
+            assert!(Key::new(bad, 0).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn memory_is_bounded() {
+        let mut answers = Answers::default();
+        for i in 0..1000 {
+            answers.keep(Some(Key::new(&i.to_string(), i).expect("a key")), &reply(100_000));
+        }
+        assert!(answers.memory() <= BYTES && answers.kept.len() <= ANSWERS, "{}", answers.memory());
+        assert!(answers.find(Some(&Key::new("999", 999).expect("a key"))).is_some(), "the newest stays");
+        assert!(answers.find(Some(&Key::new("9", 9).expect("a key"))).is_none(), "the oldest does not");
+    }
+}

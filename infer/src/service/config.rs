@@ -1,0 +1,128 @@
+//! Settings of the service; `configs/service.toml` shows each at its default.
+
+use formats::ConfigError;
+use formats::config::{SettingError, load};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::time::Duration;
+
+/// What the service spends on requests at most.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ServiceConfig {
+    /// A request is answered, or refused, within this time after it arrived; it may ask for another.
+    pub deadline_ms: u64,
+    /// The longest that a request may ask for.
+    pub max_deadline_ms: u64,
+    /// Largest scan, body or line; other requests may have 1 MiB.
+    pub body_mib: usize,
+    /// Sessions open at once; none is ever dropped.
+    pub sessions: usize,
+    /// Scans of one session.
+    pub scans: usize,
+    /// What one session may hold: scans, cloud, what planners remember, answers kept for repetition.
+    pub session_mib: usize,
+    /// What all requests, sessions and answers together may hold.
+    pub memory_mib: usize,
+    /// Connections at once; above that, the one that has kept the service waiting longest is closed.
+    pub connections: usize,
+    /// Asked to stop, what runs may take this long.
+    pub stop_ms: u64,
+}
+
+impl Default for ServiceConfig {
+    fn default() -> Self {
+        Self {
+            deadline_ms: 30_000,
+            max_deadline_ms: 120_000,
+            body_mib: 64,
+            sessions: 64,
+            scans: 100,
+            session_mib: 256,
+            memory_mib: 2048,
+            connections: 256,
+            stop_ms: 10_000,
+        }
+    }
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct ServiceFile {
+    service: ServiceConfig,
+}
+
+impl ServiceConfig {
+    /// From a file and those `--set` that begin with `service.`; the others are returned.
+    ///
+    /// # Errors
+    /// As [`load`].
+    pub fn load(file: Option<&Path>, set: &[String]) -> Result<(Self, Vec<String>), ConfigError> {
+        let (own, others) = set.iter().cloned().partition::<Vec<_>, _>(|s| s.trim_start().starts_with("service."));
+        Ok((load::<ServiceFile>(file, &own, &[])?.service, others))
+    }
+
+    /// Refuses what no service can keep.
+    ///
+    /// # Errors
+    /// The first key out of range, with what it must be.
+    pub fn check(&self) -> Result<(), SettingError> {
+        let (most_deadline, least_memory) = (self.max_deadline_ms, 16 * self.body_mib as u64);
+        let ranges: [(&'static str, u64, std::ops::RangeInclusive<u64>, &'static str); 9] = [
+            ("service.max_deadline_ms", self.max_deadline_ms, 1..=3_600_000, "1 to 3,600,000"),
+            ("service.deadline_ms", self.deadline_ms, 1..=most_deadline, "1 to service.max_deadline_ms"),
+            ("service.body_mib", self.body_mib as u64, 1..=1024, "1 to 1,024"),
+            ("service.sessions", self.sessions as u64, 1..=10_000, "1 to 10,000"),
+            ("service.scans", self.scans as u64, 1..=10_000, "1 to 10,000"),
+            ("service.session_mib", self.session_mib as u64, 1..=1 << 20, "1 to 1,048,576"),
+            ("service.connections", self.connections as u64, 1..=10_000, "1 to 10,000"),
+            ("service.stop_ms", self.stop_ms, 0..=600_000, "0 to 600,000"),
+            (
+                "service.memory_mib",
+                self.memory_mib as u64,
+                least_memory..=1 << 20,
+                "16 times service.body_mib to 1,048,576",
+            ),
+        ];
+        for (key, found, allowed, expected) in ranges {
+            if !allowed.contains(&found) {
+                return Err(SettingError::new(key, found, expected));
+            }
+        }
+        Ok(())
+    }
+
+    /// [`ServiceConfig::deadline_ms`].
+    pub fn deadline(&self) -> Duration {
+        Duration::from_millis(self.deadline_ms)
+    }
+
+    /// Largest body or line, bytes.
+    pub fn body(&self) -> usize {
+        self.body_mib << 20
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_file_equals_the_defaults() {
+        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/service.toml"));
+        let (shipped, _) = ServiceConfig::load(Some(path), &[]).expect("configs/service.toml parses");
+        assert_eq!(shipped, ServiceConfig::default(), "configs/service.toml must show the code's defaults");
+        assert_eq!(shipped.check(), Ok(()), "the defaults must be usable");
+    }
+
+    #[test]
+    fn settings_of_the_service_are_told_from_those_of_sessions() {
+        let set = ["service.scans=3", "seed=4"].map(str::to_owned);
+        let (config, others) = ServiceConfig::load(None, &set).expect("settings");
+        assert_eq!((config.scans, &others[..]), (3, &["seed=4".to_owned()][..]));
+        let wrong = ServiceConfig::load(None, &["service.colour=1".to_owned()]).expect_err("unknown");
+        assert!(wrong.to_string().contains("colour"), "{wrong}");
+        let late = ServiceConfig { deadline_ms: 200_000, ..Default::default() };
+        assert_eq!(late.check().expect_err("too long").key, "service.deadline_ms");
+    }
+}

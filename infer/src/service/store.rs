@@ -1,0 +1,309 @@
+//! Sessions on disk (`--state DIR`), so that the end of the program, however sudden, loses none.
+//!
+//! ```text
+//! DIR/lock             held by the service that writes here
+//! DIR/state.toml       version, and the last name given to a session
+//! DIR/3/session.toml   session 3: settings, number of scans, answers kept for repetition
+//! DIR/3/scan-0001      a line with the settings that the scan came under, then the request as it came
+//! ```
+//!
+//! Each file is written beside its place, synced and renamed. `session.toml` is written last: what it does not count is not there.
+
+use super::Refusal;
+use super::answers::Kept;
+use formats::config::to_toml;
+use formats::run::atomic_write;
+use planning::SessionConfig;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// Of the files.
+const VERSION: u32 = 1;
+
+/// A folder of sessions that nobody else writes to.
+pub struct Store {
+    folder: PathBuf,
+    #[allow(dead_code, reason = "held")]
+    lock: File,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    version: u32,
+    last: u64,
+}
+
+/// A session without its scans.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    version: u32,
+    /// How many scans count.
+    pub scans: usize,
+    /// To requests that changed something.
+    #[serde(default)]
+    pub answers: Vec<Kept>,
+    /// As they are now.
+    pub config: SessionConfig,
+}
+
+impl Record {
+    /// Of the version written here.
+    pub fn new(scans: usize, answers: Vec<Kept>, config: &SessionConfig) -> Self {
+        Self { version: VERSION, scans, answers, config: config.clone() }
+    }
+}
+
+/// What a folder holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// The last name given to a session.
+    pub last: u64,
+    /// The sessions by name.
+    pub sessions: Vec<(u64, Record)>,
+}
+
+/// A scan as it was asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Written {
+    /// Whether it is a line with the body in it, or the body alone.
+    pub line: bool,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ScanHead {
+    version: u32,
+    line: bool,
+    /// As TOML, whose numbers are exact.
+    config: String,
+}
+
+/// Why sessions cannot be kept, or not be read again.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// Two services, one folder.
+    #[error("{0:?}: another infer keeps its sessions here: stop it, or give another folder")]
+    Taken(PathBuf),
+    /// The system refuses.
+    #[error("{path:?}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not as it is written here.
+    #[error("{path:?}: {reason}: restore the file, or delete the session, whose folder it is in")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// It cannot be written.
+    #[error(transparent)]
+    Write(#[from] formats::FormatError),
+    /// Settings that TOML cannot say.
+    #[error(transparent)]
+    Settings(#[from] formats::ConfigError),
+}
+
+impl From<StoreError> for Refusal {
+    fn from(error: StoreError) -> Self {
+        Self::new(500, "state", format!("the session cannot be kept, or read again: {error}"))
+    }
+}
+
+fn io(path: &Path) -> impl FnOnce(std::io::Error) -> StoreError {
+    let path = path.to_owned();
+    move |source| StoreError::Io { path, source }
+}
+
+fn damaged(path: &Path, reason: impl ToString) -> StoreError {
+    StoreError::Damaged { path: path.to_owned(), reason: reason.to_string().trim_end().replace('\n', " ") }
+}
+
+fn version(path: &Path, found: u32) -> Result<(), StoreError> {
+    match found {
+        VERSION => Ok(()),
+        _ => Err(damaged(path, format!("version {found}, expected {VERSION}"))),
+    }
+}
+
+fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
+    let text = fs::read_to_string(path).map_err(io(path))?;
+    toml::from_str(&text).map_err(|e| damaged(path, e))
+}
+
+impl Store {
+    /// This folder, made where there is none, and what it holds.
+    ///
+    /// # Errors
+    /// It is in use, cannot be read, or holds something else.
+    pub fn open(folder: &Path) -> Result<(Self, Found), StoreError> {
+        fs::create_dir_all(folder).map_err(io(folder))?;
+        let at = folder.join("lock");
+        let lock = File::create(&at).map_err(io(&at))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(StoreError::Taken(folder.to_owned())),
+            Err(TryLockError::Error(source)) => return Err(io(&at)(source)),
+        }
+        let store = Self { folder: folder.to_owned(), lock };
+        let at = folder.join("state.toml");
+        let last = match fs::exists(&at).map_err(io(&at))? {
+            true => read_toml::<State>(&at).and_then(|state| version(&at, state.version).map(|()| state.last))?,
+            false => 0,
+        };
+        let mut sessions = Vec::new();
+        for entry in fs::read_dir(folder).map_err(io(folder))? {
+            let name = entry.map_err(io(folder))?.file_name();
+            let Some(id) = name.to_str().and_then(|name| name.parse::<u64>().ok()) else { continue };
+            let at = store.record_path(id);
+            // Begun, and never answered for.
+            if !fs::exists(&at).map_err(io(&at))? {
+                continue;
+            }
+            let record: Record = read_toml(&at)?;
+            version(&at, record.version)?;
+            sessions.push((id, record));
+        }
+        sessions.sort_by_key(|(id, _)| *id);
+        let last = sessions.last().map_or(last, |(id, _)| last.max(*id));
+        Ok((store, Found { last, sessions }))
+    }
+
+    fn record_path(&self, id: u64) -> PathBuf {
+        self.folder.join(id.to_string()).join("session.toml")
+    }
+
+    fn scan_path(&self, id: u64, number: usize) -> PathBuf {
+        self.folder.join(id.to_string()).join(format!("scan-{number:04}"))
+    }
+
+    /// A new session.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn create(&self, id: u64, record: &Record) -> Result<(), StoreError> {
+        let state = toml::to_string(&State { version: VERSION, last: id }).map_err(|e| damaged(&self.folder, e))?;
+        atomic_write(&self.folder.join("state.toml"), state.as_bytes())?;
+        let folder = self.folder.join(id.to_string());
+        fs::create_dir_all(&folder).map_err(io(&folder))?;
+        Ok(atomic_write(&self.record_path(id), to_toml(record)?.as_bytes())?)
+    }
+
+    /// The session as it is now, `scan` being its last one if that is new.
+    ///
+    /// # Errors
+    /// It cannot be written: what was written before is still there.
+    pub fn write(&self, id: u64, record: &Record, scan: Option<&Written>) -> Result<(), StoreError> {
+        let known = self.record_path(id);
+        if !fs::exists(&known).map_err(io(&known))? {
+            return Err(damaged(&known, "it is gone"));
+        }
+        if let Some(Written { line, bytes }) = scan {
+            let head = ScanHead { version: VERSION, line: *line, config: to_toml(&record.config)? };
+            let path = self.scan_path(id, record.scans);
+            let mut text = serde_json::to_vec(&head).map_err(|e| damaged(&path, e))?;
+            text.push(b'\n');
+            text.extend_from_slice(bytes);
+            atomic_write(&path, &text)?;
+        }
+        atomic_write(&self.record_path(id), to_toml(record)?.as_bytes())?;
+        let mut next = record.scans + 1;
+        while fs::remove_file(self.scan_path(id, next)).is_ok() {
+            next += 1;
+        }
+        Ok(())
+    }
+
+    /// A session as it was written last.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn record(&self, id: u64) -> Result<Record, StoreError> {
+        read_toml(&self.record_path(id))
+    }
+
+    /// A scan, from 1, and the settings that it came under.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn scan(&self, id: u64, number: usize) -> Result<(SessionConfig, Written), StoreError> {
+        let path = self.scan_path(id, number);
+        let text = fs::read(&path).map_err(io(&path))?;
+        let end = text.iter().position(|b| *b == b'\n').ok_or_else(|| damaged(&path, "no first line"))?;
+        let head: ScanHead = serde_json::from_slice(&text[..end]).map_err(|e| damaged(&path, e))?;
+        version(&path, head.version)?;
+        let config = toml::from_str(&head.config).map_err(|e| damaged(&path, e))?;
+        Ok((config, Written { line: head.line, bytes: text[end + 1..].to_vec() }))
+    }
+
+    /// What is wrong with a scan that was read and is refused.
+    pub fn refused(&self, id: u64, number: usize, why: impl ToString) -> StoreError {
+        damaged(&self.scan_path(id, number), why)
+    }
+
+    /// Ends a session.
+    ///
+    /// # Errors
+    /// It cannot be removed.
+    pub fn remove(&self, id: u64) -> Result<(), StoreError> {
+        // First what makes it one, so that half of it is none.
+        let record = self.record_path(id);
+        match fs::remove_file(&record) {
+            Err(e) if e.kind() != ErrorKind::NotFound => return Err(io(&record)(e)),
+            _ => {}
+        }
+        let folder = self.folder.join(id.to_string());
+        fs::remove_dir_all(&folder).map_err(io(&folder))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sessions_are_found_again_as_they_were_written() {
+        let place = tempfile::tempdir().expect("a folder");
+        let folder = place.path().join("state");
+        let (store, Found { last, sessions }) = Store::open(&folder).expect("a new one");
+        assert_eq!((last, sessions.len()), (0, 0));
+        assert!(matches!(Store::open(&folder), Err(StoreError::Taken(_))), "one at a time");
+        let config = SessionConfig { tolerance_m: 0.1 + 0.2, ..Default::default() };
+        store.create(7, &Record::new(0, Vec::new(), &config)).expect("written");
+        let scan = Written { line: false, bytes: b"{\n}".to_vec() };
+        let one = Record::new(1, Vec::new(), &config);
+        store.write(7, &one, Some(&scan)).expect("written");
+        drop(store);
+        let (store, Found { last, sessions }) = Store::open(&folder).expect("again");
+        assert_eq!((last, &sessions[..]), (7, &[(7, one)][..]));
+        assert_eq!(store.scan(7, 1).expect("there"), (config.clone(), scan), "to the last digit");
+        store.write(7, &Record::new(0, Vec::new(), &config), None).expect("taken back");
+        assert!(store.scan(7, 1).is_err(), "and gone");
+        store.remove(7).expect("ended");
+        drop(store);
+        let (_, Found { last, sessions }) = Store::open(&folder).expect("again");
+        assert_eq!((last, sessions.len()), (7, 0), "no name is given twice");
+    }
+
+    #[test]
+    fn damage_is_told_with_its_file() {
+        let place = tempfile::tempdir().expect("a folder");
+        let (store, _) = Store::open(place.path()).expect("a new one");
+        store.create(1, &Record::new(0, Vec::new(), &SessionConfig::default())).expect("written");
+        drop(store);
+        fs::write(place.path().join("1/session.toml"), "version = 2\nscans = 0\n[config]\n").expect("written");
+        let told = Store::open(place.path()).err().expect("another version").to_string();
+        assert!(told.contains("session.toml") && told.contains("version 2, expected 1"), "{told}");
+    }
+}

@@ -1,0 +1,247 @@
+//! What is asked of one session, done.
+
+use super::store::Record;
+use super::{
+    Answers, Entry, Held, Key, Memory, Method, OnDeadline, Patience, Refusal, Reply, Service, Store, Written, lock,
+};
+use crate::request::{Ask, Body, NextRequest, over};
+use planning::scan::{FARTHEST_M, Scan};
+use planning::session::Request;
+use planning::{Misses, Network, Session, SessionConfig, SessionError};
+use serde::Serialize;
+use serde_json::json;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// A session with its share of the memory and its answers; who works on it holds the lock.
+pub struct Open {
+    session: Session,
+    held: Held,
+    answers: Answers,
+    /// What is on disk counts, and has to be read before anything is asked of the session.
+    unread: bool,
+}
+
+impl Open {
+    /// Without scans.
+    ///
+    /// # Errors
+    /// Bad settings, or no memory for it.
+    pub fn empty(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
+        let session = Session::new(config, network)?;
+        let mut open = Self { session, held: memory.nothing(), answers: Answers::default(), unread: false };
+        open.held.resize(open.memory())?;
+        Ok(open)
+    }
+
+    /// As it is on disk, whose scans are read later.
+    ///
+    /// # Errors
+    /// As [`Open::empty`].
+    pub fn on_disk(record: Record, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
+        let answers = Answers::from_disk(record.answers);
+        Ok(Self { answers, unread: true, ..Self::empty(record.config, network, memory)? })
+    }
+
+    /// As it goes to disk.
+    pub fn record(&self) -> Record {
+        Record::new(self.session.num_scans(), self.answers.to_disk(), self.session.config())
+    }
+
+    /// To ask in this program.
+    pub fn session(&mut self) -> &mut Session {
+        &mut self.session
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        (1 << 20) + self.session.memory() + self.answers.memory()
+    }
+}
+
+impl Service {
+    /// Does what is asked of a session. Where it is refused, or fails, the session is as it was. `spare` is what it
+    /// needs ([`Ask::work`]).
+    ///
+    /// # Errors
+    /// Why it is refused.
+    pub fn work(
+        &self,
+        entry: &Entry,
+        open: &mut Open,
+        ask: Ask,
+        key: Option<Key>,
+        patience: &Patience,
+        spare: Held,
+    ) -> Result<Reply, Refusal> {
+        open.held.absorb(spare);
+        let answer = self.done(entry.id, open, ask, key, patience);
+        let bytes = open.memory();
+        if open.held.resize(bytes).is_err() {
+            tracing::debug!("a session grew by an answer beyond the memory that was left");
+        }
+        entry.scans.store(open.session.num_scans(), Ordering::Relaxed);
+        entry.bytes.store(bytes, Ordering::Relaxed);
+        *lock(&entry.used) = Instant::now();
+        answer
+    }
+
+    /// The answer to a request that is new, or what was answered before.
+    fn done(
+        &self,
+        id: u64,
+        open: &mut Open,
+        ask: Ask,
+        key: Option<Key>,
+        patience: &Patience,
+    ) -> Result<Reply, Refusal> {
+        self.be_current(id, open)?;
+        if let Some(known) = open.answers.find(key.as_ref()) {
+            return known;
+        }
+        let (mut ask, mut written) = (ask, None);
+        if let Ask::AddScan { written: came, .. } = &mut ask {
+            written = came.take();
+        }
+        let mutates = matches!(ask, Ask::AddScan { .. } | Ask::Undo | Ask::Reset);
+        let (scans, config) = (open.session.num_scans(), open.session.config().clone());
+        let attempt = catch_unwind(AssertUnwindSafe(|| self.attempt(open, ask, patience)));
+        let answer = attempt.unwrap_or_else(|_| {
+            let restored = catch_unwind(AssertUnwindSafe(|| open.session.restore(scans)));
+            if restored.is_err() {
+                open.session.reset();
+            }
+            Err(Refusal::internal())
+        });
+        let changed = mutates || *open.session.config() != config;
+        if answer.is_err() && *open.session.config() != config {
+            open.session.configure(config)?;
+        }
+        open.answers.keep(key, &answer);
+        if let Some(store) = self.store.as_ref().filter(|_| changed && answer.is_ok()) {
+            // What cannot be written is not done: the session is read anew, as it was.
+            store.write(id, &open.record(), written.as_ref()).inspect_err(|_| open.unread = true)?;
+        }
+        answer
+    }
+
+    fn attempt(&self, open: &mut Open, ask: Ask, patience: &Patience) -> Result<Reply, Refusal> {
+        match ask {
+            Ask::AddScan { scan, misses, .. } => {
+                let scan = meant(*scan, misses, open.session.config());
+                self.add_scan(open, scan, patience)
+            }
+            Ask::NextView(request) => next_view(open, request, patience),
+            Ask::Undo if open.session.undo() => Reply::of(&json!({ "scans": open.session.num_scans() })),
+            Ask::Undo => Err(SessionError::NoScan.into()),
+            Ask::Reset => {
+                open.session.reset();
+                Reply::of(&json!({ "scans": 0 }))
+            }
+            Ask::Configure(config) => {
+                open.session.configure(*config)?;
+                Reply::of(&json!({}))
+            }
+            Ask::Export => export(&open.session),
+            Ask::Create(_) => Err(Refusal::internal()),
+        }
+    }
+
+    fn add_scan(&self, open: &mut Open, scan: Scan, patience: &Patience) -> Result<Reply, Refusal> {
+        let full =
+            |what: String| Refusal::new(507, "session_full", format!("{what}: undo, reset or start another session"));
+        let scans = open.session.num_scans();
+        if scans >= self.limits.scans {
+            return Err(full(format!("the session has {scans} scans, the most allowed (service.scans)")));
+        }
+        let report = open.session.add_scan_within(scan, &patience.budget(OnDeadline::Error))?;
+        let bytes = open.memory();
+        let most = self.limits.session_mib;
+        let fits = match bytes > most << 20 {
+            true => Err(full(format!("a session may hold {most} MiB (service.session_mib)"))),
+            false => open.held.cover(bytes),
+        };
+        if let Err(refusal) = fits {
+            open.session.undo();
+            return Err(refusal);
+        }
+        Reply::of(&json!({ "scans": open.session.num_scans(), "report": report }))
+    }
+
+    /// Reads a session that has not been read, or could not be written.
+    fn be_current(&self, id: u64, open: &mut Open) -> Result<(), Refusal> {
+        let Some(store) = self.store.as_ref().filter(|_| open.unread) else { return Ok(()) };
+        let read = read_back(store, id, open);
+        if read.is_err() {
+            open.session.reset();
+            open.held.resize(open.memory())?;
+        }
+        read
+    }
+}
+
+/// The session as it is on disk.
+fn read_back(store: &Store, id: u64, open: &mut Open) -> Result<(), Refusal> {
+    let record = store.record(id)?;
+    open.session.reset();
+    for number in 1..=record.scans {
+        let (config, Written { line, bytes }) = store.scan(id, number)?;
+        let body = if line { Body::Line(&bytes) } else { Body::Whole(&bytes) };
+        let refused = |why: Refusal| store.refused(id, number, why.message);
+        let Ask::AddScan { scan, misses, .. } = Ask::parse(Method::AddScan, body, false, false).map_err(refused)?
+        else {
+            return Err(Refusal::internal());
+        };
+        let scan = meant(*scan, misses, &config);
+        let added = open.session.configure(config).and_then(|()| open.session.add_scan(scan));
+        added.map_err(|e| store.refused(id, number, e))?;
+        open.held.cover(open.memory())?;
+    }
+    open.session.configure(record.config)?;
+    open.answers = Answers::from_disk(record.answers);
+    open.unread = false;
+    Ok(())
+}
+
+/// A scan whose misses mean what was said, or else what the settings say.
+fn meant(mut scan: Scan, given: Option<Misses>, config: &SessionConfig) -> Scan {
+    if let (Scan::Depth { misses, .. }, None) = (&mut scan, given) {
+        *misses = config.misses;
+    }
+    scan
+}
+
+fn next_view(open: &mut Open, request: NextRequest, patience: &Patience) -> Result<Reply, Refusal> {
+    let current_position_m = request.current_position_m;
+    if current_position_m.is_some_and(|p| !p.iter().all(|x| x.abs() <= FARTHEST_M)) {
+        let message = "current_position_m: farther away than a million metres";
+        return Err(Refusal::new(400, "bad_position", message));
+    }
+    if request.config.is_some() {
+        let config = over(open.session.config(), request.config)?;
+        super::check(&config)?;
+        open.session.configure(config)?;
+    }
+    let budget = patience.budget(request.on_deadline);
+    Reply::of(&open.session.next_view_for(&Request { current_position_m, budget })?)
+}
+
+fn export(session: &Session) -> Result<Reply, Refusal> {
+    #[derive(Serialize)]
+    struct Export<'a> {
+        scans: usize,
+        config: &'a SessionConfig,
+        points_m: &'a [nalgebra::Point3<f64>],
+        normals: &'a [nalgebra::Vector3<f64>],
+        spacing_m: f64,
+    }
+    let cloud = session.cloud();
+    Reply::of(&Export {
+        scans: session.num_scans(),
+        config: session.config(),
+        points_m: &cloud.points,
+        normals: &cloud.normals,
+        spacing_m: session.state().grid_size,
+    })
+}
