@@ -231,7 +231,11 @@ struct Found {
     half: Option<SplitChoice>,
 }
 
-/// Entries of a directory, sorted by name; none where it does not exist.
+/// What file systems and other programs leave among people's files, beside all that is hidden (`._airplane_0001.off`).
+const LITTER: [&str; 6] = ["__macosx", "@eadir", "#recycle", "$recycle.bin", "system volume information", "lost+found"];
+
+/// Regular files and directories in a directory, sorted by name, hidden ones and litter left out; none where it does not
+/// exist.
 fn entries(directory: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let reader = match std::fs::read_dir(directory) {
         Ok(reader) => reader,
@@ -242,7 +246,12 @@ fn entries(directory: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     };
     let mut paths = vec![];
     for entry in reader {
-        paths.push(entry.map_err(|e| FormatError::io(directory, "read the directory", e))?.path());
+        let path = entry.map_err(|e| FormatError::io(directory, "read the directory", e))?.path();
+        let name = file_name(&path).to_lowercase();
+        // Links count as what they lead to; pipes, devices and links that lead nowhere are no objects.
+        if !name.starts_with('.') && !LITTER.contains(&name.as_str()) && (path.is_file() || path.is_dir()) {
+            paths.push(path);
+        }
     }
     paths.sort();
     Ok(paths)

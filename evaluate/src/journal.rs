@@ -18,14 +18,14 @@ pub const JOURNAL: &str = "journal.jsonl";
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
     /// The operating system refuses.
-    #[error("{path:?}: cannot {action}: {source}")]
+    #[error("{path:?}: cannot {action}: {cause}")]
     Io {
         /// The file.
         path: PathBuf,
         /// What was tried.
         action: &'static str,
         /// Why not.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A line in the middle is no record, or not the one that was written.
     #[error("{path:?}, line {line}: {message}; delete this line, and the same command runs again what it held")]
@@ -119,7 +119,7 @@ impl Journal {
         let path = directory.join(JOURNAL);
         let io = |action| {
             let path = path.clone();
-            move |source| JournalError::Io { path, action, source }
+            move |source| JournalError::Io { path, action, cause: source }
         };
         std::fs::create_dir_all(directory).map_err(io("make the directory of"))?;
         let mut file =
@@ -142,7 +142,8 @@ impl Journal {
 
     /// Adds a line.
     pub fn append(&self, entry: &Entry) -> Result<(), JournalError> {
-        let fail = |source: std::io::Error| JournalError::Io { path: self.path.clone(), action: "write", source };
+        let fail =
+            |source: std::io::Error| JournalError::Io { path: self.path.clone(), action: "write", cause: source };
         let mut value = serde_json::to_value(entry).map_err(|e| fail(e.into()))?;
         spell_out(&mut value);
         let line = format!("{}\n", sealed(&value.to_string()));
@@ -157,7 +158,7 @@ pub fn read(directory: &Path) -> Result<Contents, JournalError> {
     let bytes = std::fs::read(&path).map_err(|source| JournalError::Io {
         path: path.clone(),
         action: "read (is it a folder of `evaluate`?)",
-        source,
+        cause: source,
     })?;
     let text = String::from_utf8_lossy(&bytes);
     let whole = text.rfind('\n').map_or(0, |i| i + 1);

@@ -67,20 +67,20 @@ pub enum LearnedError {
     #[error("make a file with the example learn_forecasts and give --set weights.forecasts=FILE")]
     NoFile,
     /// The operating system refuses.
-    #[error("{path:?}: {source}")]
+    #[error("{path:?}: {cause}")]
     Io {
         /// The file.
         path: PathBuf,
         /// Why not.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The file holds no such JSON.
-    #[error("{path:?}: {source}")]
+    #[error("{path:?}: {cause}")]
     Json {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        source: serde_json::Error,
+        cause: serde_json::Error,
     },
     /// Coefficients of other features.
     #[error("{path:?}: {found} coefficients under {name:?}, expected {expected}")]
@@ -138,9 +138,10 @@ impl Learned {
             return Err(LearnedError::NoFile);
         }
         let path = || path.to_owned();
-        let text = std::fs::read_to_string(path()).map_err(|source| LearnedError::Io { path: path(), source })?;
+        let text =
+            std::fs::read_to_string(path()).map_err(|source| LearnedError::Io { path: path(), cause: source })?;
         let learned: Self =
-            serde_json::from_str(&text).map_err(|source| LearnedError::Json { path: path(), source })?;
+            serde_json::from_str(&text).map_err(|source| LearnedError::Json { path: path(), cause: source })?;
         let expected = terms(&[0.0; FEATURES]).len();
         for (name, found) in [("gain", learned.gain.len()), ("overlap", learned.overlap.len())] {
             if found != expected {

@@ -57,6 +57,9 @@ pub enum ObjectError {
     /// Its mesh or its published samples cannot be read.
     #[error(transparent)]
     Format(#[from] formats::FormatError),
+    /// So much surface lies in one place that it cannot be sampled.
+    #[error(transparent)]
+    Dense(#[from] geometry::sampling::TooDense),
     /// There is nothing to sample.
     #[error("the mesh has no surface")]
     NoSurface,
@@ -133,7 +136,7 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
         }
         None => {
             let mut rng = stream(config.seed, &format!("surface/{name}"));
-            poisson_disk_sample(&mesh, config.surface_samples, &mut rng)
+            poisson_disk_sample(&mesh, config.surface_samples, &mut rng)?
         }
     };
     if samples.is_empty() {

@@ -1,5 +1,7 @@
 //! Point clouds from PLY, PCD, XYZ/TXT and NPY files.
 
+mod columns;
+mod lzf;
 mod npy;
 mod pcd;
 mod xyz;
@@ -19,15 +21,19 @@ pub const EXTENSIONS: [&str; 7] = ["ply", "pcd", "xyz", "txt", "npy", "xyzn", "c
 /// A cloud as its file holds it, in the file's unit and frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CloudFile {
-    /// The points with finite coordinates; normals where the file gives a finite one for each of them.
+    /// The points with finite coordinates; normals where the file gives any, zero for those that it lacks.
     pub cloud: PointCloud,
-    /// Number of points left out because a coordinate is not finite.
+    /// Number of points left out: a coordinate is not finite, or (0, 0, 0) stands for no return.
     pub dropped: usize,
     /// The image that an organised cloud comes from.
     pub grid: Option<Grid>,
     /// `world_from_camera` of the sensor where the file tells it (PCD's `VIEWPOINT`, unless it is the identity,
     /// which writers put where they know nothing).
     pub viewpoint: Option<Isometry3<f64>>,
+    /// The unit that the file names, metres.
+    pub metres_per_unit: Option<f64>,
+    /// What a user should know of how the file was read: what was guessed, what was left out.
+    pub notes: Vec<String>,
 }
 
 /// Where the points of an organised cloud lie in their image.
@@ -42,7 +48,8 @@ pub struct Grid {
 }
 
 impl CloudFile {
-    /// Keeps what is finite. `size` is the width and height of an organised cloud.
+    /// Keeps what was measured: not what is not finite, nor (0, 0, 0) in an organised cloud (`size`: its width and height)
+    /// or wherever it stands more than once, as it does for pixels without a return.
     pub(crate) fn gather(
         path: &Path,
         rows: impl Iterator<Item = ([f64; 3], Option<[f64; 3]>)>,
@@ -50,23 +57,41 @@ impl CloudFile {
     ) -> Result<Self, FormatError> {
         let mut file = CloudFile::default();
         let mut pixels = vec![];
-        let mut all_normals = true;
+        let mut any_normal = false;
+        let mut zeros = 0;
         for (index, (position, normal)) in rows.enumerate() {
             if position.iter().any(|x| !x.is_finite()) {
                 file.dropped += 1;
                 continue;
             }
+            if position == [0.0; 3] {
+                zeros += 1;
+                if size.is_some() {
+                    continue;
+                }
+            }
             file.cloud.points.push(Point3::from(position));
-            match normal {
-                Some(n) if n.iter().all(|x| x.is_finite()) => file.cloud.normals.push(Vector3::from(n)),
-                _ => all_normals = false,
+            if let Some(normal) = normal {
+                let known = normal.iter().all(|x| x.is_finite());
+                any_normal |= known && normal != [0.0; 3];
+                file.cloud.normals.push(if known { Vector3::from(normal) } else { Vector3::zeros() });
             }
             if size.is_some() {
                 pixels.push(index as u32);
             }
         }
-        if !all_normals {
+        if !any_normal {
             file.cloud.normals.clear();
+        }
+        // In organised clouds these are the pixels without a return.
+        if file.dropped > 0 && size.is_none() {
+            let found = "points have a coordinate that is no finite number and were left out";
+            file.notes.push(format!("{} {found}", file.dropped));
+        }
+        if zeros > 1 || (zeros > 0 && size.is_some()) {
+            file.dropped += zeros;
+            file.notes.push(format!("{zeros} points at exactly (0, 0, 0) are taken for pixels without a return"));
+            file.leave_out_zeros();
         }
         if file.cloud.is_empty() {
             let found = format!("{} points, none with finite coordinates", file.dropped);
@@ -75,6 +100,41 @@ impl CloudFile {
         file.grid = size.map(|(width, height)| Grid { width, height, pixels });
         Ok(file)
     }
+
+    fn leave_out_zeros(&mut self) {
+        let PointCloud { points, normals } = &mut self.cloud;
+        let measured = |p: &Point3<f64>| p.coords != Vector3::zeros();
+        let mut kept = points.iter().map(measured);
+        normals.retain(|_| kept.next() == Some(true));
+        points.retain(measured);
+    }
+
+    /// With what a reader has to say.
+    pub(crate) fn with_notes(mut self, notes: impl IntoIterator<Item = String>) -> Self {
+        self.notes.extend(notes);
+        self
+    }
+}
+
+/// Whether columns that no name explains are normals: of unit length (within 5 %), or zero where one is missing, and not the
+/// same for all, as a colour may be.
+fn are_normals<'a>(columns: impl Iterator<Item = &'a [f64; 3]>) -> bool {
+    let (mut first, mut unit, mut all, mut vary) = (None, 0, 0, false);
+    for column in columns.filter(|c| c.iter().all(|x| x.is_finite())) {
+        let length = Vector3::from(*column).norm();
+        if length != 0.0 && (length - 1.0).abs() >= 0.05 {
+            return false;
+        }
+        all += 1;
+        unit += usize::from(length != 0.0);
+        vary |= *first.get_or_insert(column) != column;
+    }
+    vary && 2 * unit > all
+}
+
+/// What is said where such columns are no normals.
+fn columns_ignored() -> String {
+    "columns 4 to 6 are no unit vectors or all the same: taken for colours and ignored".to_owned()
 }
 
 /// Reads a cloud; the ending of the name (in any case) says the format.
@@ -82,7 +142,7 @@ impl CloudFile {
 /// # Errors
 /// A file that cannot be read, is not of its format, or holds no point with finite coordinates.
 pub fn read_cloud(path: &Path) -> Result<CloudFile, FormatError> {
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
+    let bytes = crate::file::read(path)?;
     parse_cloud(path, &bytes)
 }
 
@@ -101,5 +161,47 @@ pub fn parse_cloud(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError> 
             found: format!(".{found}"),
             expected: ".ply, .pcd, .xyz, .txt, .csv or .npy",
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gather(points: &[[f64; 3]], size: Option<(usize, usize)>) -> CloudFile {
+        let rows = points.iter().map(|p| (*p, Some([p[0], 0.0, 1.0])));
+        CloudFile::gather(Path::new("a.xyz"), rows, size).unwrap()
+    }
+
+    #[test]
+    fn zeros_are_pixels_without_a_return() {
+        let some = [[0.0; 3], [1.0, 0.0, 0.0], [-0.0, 0.0, 0.0], [0.0, 0.0, 2.0]];
+        for size in [None, Some((2, 2))] {
+            let file = gather(&some, size);
+            assert_eq!((file.cloud.len(), file.dropped, file.notes.len()), (2, 2, 1), "{size:?}");
+            assert_eq!(file.cloud.normals[0].x, 1.0, "normals go with their points");
+        }
+        assert_eq!(gather(&some, Some((2, 2))).grid.unwrap().pixels, [1, 3]);
+        let corner = gather(&some[..2], None);
+        assert_eq!((corner.cloud.len(), corner.notes.len()), (2, 0), "one point at the origin is a point");
+    }
+
+    #[test]
+    fn normals_are_unit_vectors_that_differ() {
+        let is = |columns: &[[f64; 3]]| are_normals(columns.iter());
+        let x = [1.0, 0.0, 0.0];
+        assert!(is(&[x, [0.0, 0.6, 0.8]]) && is(&[x, [0.0; 3], [0.0, 0.99, 0.0], [f64::NAN; 3]]));
+        assert!(
+            !is(&[x, x]) && !is(&[x, [0.2, 0.5, 0.1]]) && !is(&[x, [0.0; 3], [0.0; 3]]) && !is(&[[255.0, 0.0, 0.0]])
+        );
+    }
+
+    #[test]
+    fn missing_normals_are_zero() {
+        let rows = [([1.0; 3], Some([0.0, 0.0, 1.0])), ([2.0; 3], Some([f64::NAN; 3])), ([3.0; 3], Some([0.0; 3]))];
+        let cloud = CloudFile::gather(Path::new("a.ply"), rows.into_iter(), None).unwrap().cloud;
+        assert_eq!(cloud.normals, [Vector3::z(), Vector3::zeros(), Vector3::zeros()]);
+        let cloud = CloudFile::gather(Path::new("a.ply"), rows[1..].iter().copied(), None).unwrap().cloud;
+        assert!(!cloud.has_normals(), "none at all");
     }
 }

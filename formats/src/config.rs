@@ -11,12 +11,12 @@ use toml::{Table, Value};
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The configuration file cannot be read.
-    #[error("cannot read configuration {path:?}: {source}")]
+    #[error("cannot read configuration {path:?}: {cause}")]
     Io {
         /// The file.
         path: PathBuf,
         /// The system's reason.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A layer holds an unknown key, a wrong type or no TOML.
     #[error("{origin}: {message}")]
@@ -94,7 +94,8 @@ where
 {
     let mut table = Table::try_from(T::default())?;
     if let Some(path) = file {
-        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Io { path: path.to_owned(), source })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Io { path: path.to_owned(), cause: source })?;
         let blame = |e: toml::de::Error| layer_error(format!("{path:?}"), &e);
         // Once as T for a message with line and column, once as a table to merge.
         toml::from_str::<T>(&text).map_err(blame)?;
@@ -148,7 +149,7 @@ pub fn to_stored<T: Serialize>(config: &T) -> Result<Vec<u8>, ConfigError> {
 /// # Errors
 /// A file that cannot be read, was damaged, or edited.
 pub fn check_stored(path: &Path) -> Result<(), ConfigError> {
-    let bytes = std::fs::read(path).map_err(|source| ConfigError::Io { path: path.to_owned(), source })?;
+    let bytes = std::fs::read(path).map_err(|cause| ConfigError::Io { path: path.to_owned(), cause })?;
     if !bytes.windows(CHECKSUM.len()).any(|window| window == CHECKSUM) {
         tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would not be seen");
         return Ok(());

@@ -5,21 +5,33 @@ use crate::error::Place;
 use geometry::DepthImage;
 use std::path::Path;
 
+/// Metres per step of an integer image, where nothing else is said.
+pub const MILLIMETRES: f64 = 0.001;
+
+/// A depth image as its file holds it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthFile {
+    /// In metres; 0 where there is no return.
+    pub image: DepthImage,
+    /// What a user should know of how the file was read: what was guessed, what was left out.
+    pub notes: Vec<String>,
+}
+
 /// Reads a depth image; the ending of the name says the format. Zero, negative and non-finite depths are pixels
-/// without a return. `metres_per_unit` is the value of one step of an integer image: 0.001 for millimetres.
+/// without a return, and so is the largest value that the integers of the file can take. `metres_per_unit` is the value of
+/// one step; where it is not given, integers are millimetres and floats metres.
 ///
 /// # Errors
 /// A file that cannot be read or is no such image.
-pub fn read_depth(path: &Path, metres_per_unit: f64) -> Result<DepthImage, FormatError> {
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
-    parse_depth(path, &bytes, metres_per_unit)
+pub fn read_depth(path: &Path, metres_per_unit: Option<f64>) -> Result<DepthFile, FormatError> {
+    parse_depth(path, &crate::file::read(path)?, metres_per_unit)
 }
 
 /// [`read_depth`] on bytes at hand; `path` gives the format and stands in the errors.
 ///
 /// # Errors
 /// As [`read_depth`].
-pub fn parse_depth(path: &Path, bytes: &[u8], metres_per_unit: f64) -> Result<DepthImage, FormatError> {
+pub fn parse_depth(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthFile, FormatError> {
     match crate::extension(path).as_str() {
         "png" => parse_png(path, bytes, metres_per_unit),
         "npy" => {
@@ -28,8 +40,11 @@ pub fn parse_depth(path: &Path, bytes: &[u8], metres_per_unit: f64) -> Result<De
                 let place = Place::Part("shape".to_owned());
                 return Err(FormatError::syntax(path, place, format!("{:?}", array.shape), "(rows, columns)"));
             };
-            let unit = if array.integer { metres_per_unit } else { 1.0 };
-            image(path, columns, rows, array.values.iter().map(|z| z * unit))
+            let mut file = image(path, [columns, rows], array.values, array.largest_integer, metres_per_unit)?;
+            if array.left > 0 {
+                file.notes.push(format!("{} bytes follow behind the array and were not read", array.left));
+            }
+            Ok(file)
         }
         found => Err(FormatError::UnknownType {
             path: path.to_owned(),
@@ -39,7 +54,7 @@ pub fn parse_depth(path: &Path, bytes: &[u8], metres_per_unit: f64) -> Result<De
     }
 }
 
-fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: f64) -> Result<DepthImage, FormatError> {
+fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthFile, FormatError> {
     let refuse = |e: png::DecodingError| {
         FormatError::syntax(path, Place::Part("image".to_owned()), e.to_string(), "a PNG image of 16-bit grey")
     };
@@ -58,25 +73,75 @@ fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: f64) -> Result<DepthIma
         let place = Place::Part("header".to_owned());
         return Err(FormatError::Count { path: path.to_owned(), place, what: "pixels".to_owned(), found, most });
     }
+    // Two bytes as they are, four as a depth.
+    crate::file::check_unpacked(path, format!("an image of {columns} x {rows} pixels"), 6 * found, bytes.len())?;
     let mut buffer = vec![0; reader.output_buffer_size()];
     reader.next_frame(&mut buffer).map_err(refuse)?;
-    let values = buffer.chunks_exact(2).map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])) * metres_per_unit);
-    image(path, columns, rows, values)
+    let values = buffer.chunks_exact(2).map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])));
+    image(path, [columns, rows], values, Some(f64::from(u16::MAX)), metres_per_unit)
 }
 
 fn image(
     path: &Path,
-    columns: usize,
-    rows: usize,
-    values: impl Iterator<Item = f64>,
-) -> Result<DepthImage, FormatError> {
+    [columns, rows]: [usize; 2],
+    values: impl IntoIterator<Item = f64>,
+    largest_integer: Option<f64>,
+    metres_per_unit: Option<f64>,
+) -> Result<DepthFile, FormatError> {
     let size = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
     let (Some(width), Some(height)) = (size(columns), size(rows)) else {
         let found = format!("{columns} x {rows} pixels");
         return Err(FormatError::Empty { path: path.to_owned(), found, expected: "at least one pixel" });
     };
-    let depth = values.map(|z| if z.is_finite() && z > 0.0 { z as f32 } else { 0.0 }).collect();
-    Ok(DepthImage { origin: [0, 0], size: [width, height], depth })
+    let unit = metres_per_unit.unwrap_or(if largest_integer.is_some() { MILLIMETRES } else { 1.0 });
+    let mut marked = 0;
+    let metres = |value: f64| {
+        let mark = Some(value) == largest_integer;
+        marked += usize::from(mark);
+        let z = value * unit;
+        if z.is_finite() && z > 0.0 && !mark { z as f32 } else { 0.0 }
+    };
+    let depth: Vec<f32> = values.into_iter().map(metres).collect();
+    let mut notes = vec![];
+    if marked > 0 {
+        let largest = largest_integer.unwrap_or_default();
+        notes.push(format!("{marked} pixels of the largest value, {largest}, are taken for pixels without a return"));
+    }
+    notes.extend(odd_unit(&depth, largest_integer.is_some()).filter(|_| metres_per_unit.is_none()));
+    notes.extend(far_mark(&depth));
+    Ok(DepthFile { image: DepthImage { origin: [0, 0], size: [width, height], depth }, notes })
+}
+
+/// What is odd about the depths where their unit was guessed.
+fn odd_unit(depth: &[f32], integer: bool) -> Option<String> {
+    let mut known: Vec<f32> = depth.iter().copied().filter(|&z| z > 0.0).collect();
+    let middle = known.len() / 2;
+    let (_, &mut median, _) = (!known.is_empty()).then(|| known.select_nth_unstable_by(middle, f32::total_cmp))?;
+    match integer {
+        false if median > 50.0 => Some(format!(
+            "floats are taken for metres, and half of the depths are over {median:.0} m: if they are millimetres, say so \
+             (--depth-unit 0.001, metres_per_unit)"
+        )),
+        true if median < 0.02 => Some(format!(
+            "integers are taken for millimetres, and half of the depths are under {:.0} mm: if they are of another unit, say \
+             so (--depth-unit, metres_per_unit)",
+            median * 1000.0 + 1.0
+        )),
+        _ => None,
+    }
+}
+
+/// A single value behind all others that many pixels have.
+fn far_mark(depth: &[f32]) -> Option<String> {
+    let most = |under: f32| depth.iter().copied().filter(|&z| z < under).fold(0.0, f32::max);
+    let far = most(f32::INFINITY);
+    let next = most(far);
+    let count = depth.iter().filter(|&&z| z == far).count();
+    (next > 0.0 && next < 0.5 * far && count * 20 > depth.len()).then(|| {
+        format!(
+            "{count} pixels are all {far} m away, the others {next} m at most: if that stands for no return, write 0 there"
+        )
+    })
 }
 
 /// Writes a depth image as 16-bit grey PNG of `width` x `height` pixels, in steps of `metres_per_unit`.
@@ -118,7 +183,8 @@ mod tests {
         let path = dir.path().join("a.png");
         let window = DepthImage { origin: [1, 1], size: [2, 1], depth: vec![1.234, 0.0] };
         write_depth(&path, &window, 4, 3, 0.001).unwrap();
-        let image = read_depth(&path, 0.001).unwrap();
+        let DepthFile { image, notes } = read_depth(&path, None).unwrap();
+        assert_eq!(notes, Vec::<String>::new());
         assert_eq!(image.size, [4, 3]);
         for (column, row) in [(0, 0), (1, 1), (2, 1), (3, 2)] {
             assert_eq!(image.at(column, row), window.at(column, row), "pixel {column} {row}");
@@ -131,7 +197,7 @@ mod tests {
         let path = dir.path().join("a.png");
         write_depth(&path, &DepthImage::default(), 4, 3, 0.001).unwrap();
         let good = std::fs::read(&path).unwrap();
-        let text = |bytes: &[u8]| parse_depth(&path, bytes, 0.001).expect_err("must fail").to_string();
+        let text = |bytes: &[u8]| parse_depth(&path, bytes, None).expect_err("must fail").to_string();
         assert!(text(b"no image").contains("expected a PNG"));
         assert!(text(&good[..40]).contains("a.png"));
         let mut bytes = vec![];
@@ -145,6 +211,53 @@ mod tests {
         encoder.set_depth(png::BitDepth::Sixteen);
         drop(encoder.write_header().unwrap());
         assert!(!text(&bytes).is_empty());
-        assert!(parse_depth(Path::new("a.jpg"), b"", 1.0).expect_err("must fail").to_string().contains(".jpg"));
+        assert!(parse_depth(Path::new("a.jpg"), b"", None).expect_err("must fail").to_string().contains(".jpg"));
+    }
+
+    /// A NumPy file of one row.
+    fn npy(descr: &str, values: &[u8], columns: usize) -> DepthFile {
+        let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (1, {columns}), }}\n");
+        let length = (header.len() as u16).to_le_bytes();
+        let bytes = [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), values].concat();
+        parse_depth(Path::new("a.npy"), &bytes, None).unwrap()
+    }
+
+    #[test]
+    fn the_unit_given_counts_for_floats_too() {
+        let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }\n";
+        let values: Vec<u8> = [800f32, 900.0].iter().flat_map(|z| z.to_le_bytes()).collect();
+        let bytes =
+            [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &values].concat();
+        let read = |unit| parse_depth(Path::new("a.npy"), &bytes, unit).unwrap();
+        assert_eq!((read(Some(0.001)).image.depth, read(Some(0.001)).notes.len()), (vec![0.8, 0.9], 0));
+        let guessed = read(None);
+        assert_eq!(guessed.image.depth, [800.0, 900.0]);
+        assert!(guessed.notes[0].contains("--depth-unit 0.001"), "{:?}", guessed.notes);
+        let metres: Vec<u8> = [1u16, 2, 1].iter().flat_map(|z| z.to_le_bytes()).collect();
+        assert!(npy("<u2", &metres, 3).notes[0].contains("integers are taken for millimetres"));
+    }
+
+    #[test]
+    fn far_values_that_stand_for_no_return() {
+        let wide = |values: &[u16]| values.iter().flat_map(|z| z.to_le_bytes()).collect::<Vec<u8>>();
+        let file = npy("<u2", &wide(&[800, 65535, 900]), 3);
+        assert_eq!((&file.image.depth[..], file.notes.len()), (&[0.8, 0.0, 0.9][..], 1));
+        let file = npy("<i2", &wide(&[800, 32767, 900]), 3);
+        assert_eq!(file.image.depth[1], 0.0, "the largest of signed integers");
+        assert_eq!(npy("<u2", &wide(&[800, 32767, 30000]), 3).notes.len(), 0);
+        let file = npy("<u2", &wide(&[800, 10000, 900, 10000]), 4);
+        assert!(file.notes[0].contains("2 pixels are all 10 m away, the others 0.9 m"), "{:?}", file.notes);
+        assert_eq!(npy("<u2", &wide(&[800, 800, 800]), 3).notes.len(), 0, "a wall seen squarely");
+    }
+
+    #[test]
+    fn a_small_file_does_not_become_gigabytes() {
+        let mut bytes = vec![];
+        let mut encoder = png::Encoder::new(&mut bytes, 30_000, 30_000);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.write_header().unwrap().write_chunk(png::chunk::IDAT, &vec![0; 2_000_000]).unwrap();
+        let text = parse_depth(Path::new("a.png"), &bytes, None).expect_err("large").to_string();
+        assert!(text.contains("a.png") && text.contains("30000 x 30000 pixels would take 5149 MiB"), "{text}");
     }
 }

@@ -34,14 +34,14 @@ impl fmt::Display for Place {
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
     /// The operating system refused.
-    #[error("{path:?}: cannot {action}: {source}")]
+    #[error("{path:?}: cannot {action}: {cause}")]
     Io {
         /// The file.
         path: PathBuf,
         /// What was tried, e.g. "open".
         action: &'static str,
-        /// The system's reason.
-        source: std::io::Error,
+        /// The system's reason. No `source`: the message says it, and a chain of causes would say it again.
+        cause: std::io::Error,
     },
     /// The name's ending is of no type that can be read here.
     #[error("{path:?}: files that end in {found:?} cannot be read here; expected {expected}")]
@@ -87,6 +87,20 @@ pub enum FormatError {
         /// The count.
         found: u64,
         /// The most that fits.
+        most: u64,
+    },
+    /// The content would take more memory than a file of this size warrants.
+    #[error(
+        "{path:?}: {what} would take {found} MiB of memory, a file of this size may take {most} MiB; thin or split it"
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// What asks for so much.
+        what: String,
+        /// What it asks for, MiB.
+        found: u64,
+        /// The most, MiB.
         most: u64,
     },
     /// A face names a vertex that does not exist.
@@ -147,7 +161,7 @@ pub const REMAKE: &str = "delete the file and run the same datagen command again
 impl FormatError {
     /// An error of the operating system.
     pub fn io(path: &Path, action: &'static str, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_owned(), action, source }
+        Self::Io { path: path.to_owned(), action, cause: source }
     }
 
     /// Something found where something else was expected.
@@ -168,6 +182,7 @@ impl FormatError {
             | Self::Syntax { path, .. }
             | Self::Truncated { path, .. }
             | Self::Count { path, .. }
+            | Self::TooLarge { path, .. }
             | Self::Index { path, .. }
             | Self::Empty { path, .. }
             | Self::Damaged { path, .. }

@@ -10,6 +10,7 @@ pub mod config;
 pub mod declared;
 pub mod depth;
 pub mod error;
+pub mod file;
 pub mod frame_history;
 pub mod html;
 pub mod lock;
@@ -23,6 +24,7 @@ pub mod run;
 pub mod sequence;
 pub mod shard;
 pub mod surface;
+mod text;
 
 pub use cloud::{CloudFile, read_cloud};
 pub use config::{ConfigError, Flag};

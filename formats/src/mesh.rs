@@ -2,9 +2,11 @@
 
 mod obj;
 mod off;
+mod polygon;
 mod stl;
 
 use crate::FormatError;
+use crate::error::Place;
 use geometry::Mesh;
 use nalgebra::Point3;
 use std::collections::{HashMap, HashSet};
@@ -13,13 +15,14 @@ use std::path::Path;
 /// Endings of the files that [`read_mesh`] reads, lower case.
 pub const EXTENSIONS: [&str; 4] = ["off", "obj", "ply", "stl"];
 
-/// Reads a mesh; the ending of the name (in any case) says the format. Polygons become fans. Triangles with a
-/// vertex that is not finite, without area, or given twice with the same orientation are left out.
+/// Reads a mesh; the ending of the name (in any case) says the format. Polygons become
+/// triangles. Triangles with a vertex that is not finite, without area, or given twice with the same orientation are left
+/// out. What a file holds beyond what it declares is logged as a warning.
 ///
 /// # Errors
 /// A file that cannot be read, is not of its format, or holds no triangle of use.
 pub fn read_mesh(path: &Path) -> Result<Mesh, FormatError> {
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
+    let bytes = crate::file::read(path)?;
     parse_mesh(path, &bytes)
 }
 
@@ -51,6 +54,9 @@ pub(crate) struct MeshBuilder {
     triangles: Vec<[u32; 3]>,
     seen: HashSet<[u32; 3]>,
     left_out: usize,
+    work: polygon::Work,
+    /// What a user should know of how the file was read.
+    pub(crate) notes: Vec<String>,
 }
 
 /// Bits of the position, and of the normal as f32: the published loader's vertices, whose mean is its centre. The
@@ -86,11 +92,24 @@ impl MeshBuilder {
         }
     }
 
-    /// Adds a polygon as a fan.
-    pub(crate) fn push_polygon(&mut self, corners: &[CornerData]) {
-        for k in 2..corners.len() {
-            self.push([corners[0], corners[k - 1], corners[k]]);
+    /// Adds a polygon, in triangles.
+    pub(crate) fn push_polygon(
+        &mut self,
+        corners: &[CornerData],
+        path: &Path,
+        place: impl FnOnce() -> Place,
+    ) -> Result<(), FormatError> {
+        if let [a, b, c] = *corners {
+            self.push([a, b, c]);
+            return Ok(());
         }
+        let Some(triangles) = polygon::triangulate(corners, &mut self.work) else {
+            let found = format!("a concave polygon of {} corners", corners.len());
+            let expected = "polygons that are soon cut into triangles: triangulate it in the program that made it";
+            return Err(FormatError::syntax(path, place(), found, expected));
+        };
+        triangles.into_iter().for_each(|t| self.push(t.map(|i| corners[i])));
+        Ok(())
     }
 
     fn vertex(&mut self, position: [f64; 3], normal: Option<[f64; 3]>) -> u32 {
@@ -110,14 +129,18 @@ impl MeshBuilder {
     }
 
     /// The mesh; an error where no triangle is left.
-    pub(crate) fn finish(self, path: &Path, found: impl FnOnce() -> String) -> Result<Mesh, FormatError> {
+    pub(crate) fn finish(mut self, path: &Path, found: impl FnOnce() -> String) -> Result<Mesh, FormatError> {
+        if self.work.crossing > 0 {
+            self.notes.push(format!("{} polygons cross themselves: their triangles are a guess", self.work.crossing));
+        }
         if self.triangles.is_empty() {
             let found = match self.left_out {
-                0 => found(),
+                0 => [found()].into_iter().chain(self.notes).collect::<Vec<_>>().join("; "),
                 n => format!("{n} triangles, all without area or with coordinates that are no finite numbers"),
             };
             return Err(FormatError::Empty { path: path.to_owned(), found, expected: "at least one triangle" });
         }
+        self.notes.iter().for_each(|note| tracing::warn!("{path:?}: {note}"));
         Ok(Mesh { vertices: self.vertices, triangles: self.triangles })
     }
 }

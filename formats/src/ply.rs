@@ -1,300 +1,160 @@
-//! PLY, for meshes and clouds; `ply-rs-bw` parses, after a look at the header: an element without properties and
-//! a count of a billion would otherwise eat gigabytes.
+//! PLY, for meshes and clouds. Own code: `ply-rs-bw` 4.0.1 refuses property names, number types, line ends and numbers that
+//! exporters write, and keeps properties by name, so that one given twice shifts all that follow.
+
+mod body;
+mod header;
+mod write;
+
+pub use write::{ColoredPoint, write_ply, write_ply_mesh, write_ply_scene};
 
 use crate::FormatError;
 use crate::cloud::CloudFile;
 use crate::error::Place;
 use crate::mesh::MeshBuilder;
-use crate::run::atomic_write_with;
-use geometry::{Mesh, PointCloud};
-use nalgebra::{Point3, Vector3};
-use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{
-    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
-};
-use std::io::{BufRead, Cursor, Write};
+use body::{Body, Wanted};
+use geometry::Mesh;
+use header::{Element, Header, Kind};
+use std::borrow::Cow;
 use std::path::Path;
 
-/// A vertex or a face; properties that are neither are skipped.
+/// Names of the list that makes a face.
+const INDICES: [&str; 2] = ["vertex_indices", "vertex_index"];
+
+/// The vertices of a file and the lists that make its faces.
 #[derive(Default)]
-struct Row {
-    position: [f64; 3],
-    normal: [f64; 3],
-    indices: Vec<i64>,
+struct Content {
+    positions: Vec<[f64; 3]>,
+    /// Empty where the file gives none.
+    normals: Vec<[f64; 3]>,
+    /// Vertices of all faces, one after the other, and where each face ends.
+    corners: Vec<i64>,
+    ends: Vec<usize>,
+    /// The faces from this one on are strips.
+    strips: Option<usize>,
+    notes: Vec<String>,
 }
 
-impl PropertyAccess for Row {
-    fn new() -> Self {
-        Self::default()
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let slot = match name {
-            "x" => &mut self.position[0],
-            "y" => &mut self.position[1],
-            "z" => &mut self.position[2],
-            "nx" => &mut self.normal[0],
-            "ny" => &mut self.normal[1],
-            "nz" => &mut self.normal[2],
-            "vertex_indices" | "vertex_index" => {
-                return match to_indices(property) {
-                    Some(indices) => {
-                        self.indices = indices;
-                        PropertyAccessResult::Set
-                    }
-                    None => PropertyAccessResult::UnsupportedType,
-                };
-            }
-            _ => return PropertyAccessResult::Ignored,
-        };
-        match to_number(&property) {
-            Some(value) => {
-                *slot = value;
-                PropertyAccessResult::Set
-            }
-            None => PropertyAccessResult::UnsupportedType,
+fn parse(path: &Path, bytes: &[u8], with_faces: bool) -> Result<Content, FormatError> {
+    let decoded = match bytes {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => Cow::Owned(crate::text::decode(bytes).into_owned().into_bytes()),
+        _ => Cow::Borrowed(crate::text::without_mark(bytes)),
+    };
+    let bytes = decoded.as_ref();
+    let header = header::parse(path, bytes)?;
+    let vertex = vertex_properties(path, &header);
+    let text = body::text_of(&header, bytes);
+    let mut body = Body::new(path, &header, bytes, &text);
+    let mut content = Content::default();
+    for element in &header.elements {
+        let is = |name: &str| element.name.eq_ignore_ascii_case(name);
+        if let (true, &Ok((xyz, normal))) = (is("vertex"), &vertex) {
+            let scalars = xyz.into_iter().chain(normal.into_iter().flatten()).collect();
+            body.each(element, &Wanted { scalars, list: None }, |&[x, y, z, nx, ny, nz], _| {
+                content.positions.push([x, y, z]);
+                if normal.is_some() {
+                    content.normals.push([nx, ny, nz]);
+                }
+                Ok(())
+            })?;
+            continue;
         }
-    }
-}
-
-fn to_number(property: &Property) -> Option<f64> {
-    Some(match *property {
-        Property::Char(v) => v.into(),
-        Property::UChar(v) => v.into(),
-        Property::Short(v) => v.into(),
-        Property::UShort(v) => v.into(),
-        Property::Int(v) => v.into(),
-        Property::UInt(v) => v.into(),
-        Property::Float(v) => v.into(),
-        Property::Double(v) => v,
-        _ => return None,
-    })
-}
-
-fn to_indices(property: Property) -> Option<Vec<i64>> {
-    fn wide<T: Into<i64>>(list: Vec<T>) -> Vec<i64> {
-        list.into_iter().map(Into::into).collect()
-    }
-    Some(match property {
-        Property::ListChar(list) => wide(list),
-        Property::ListUChar(list) => wide(list),
-        Property::ListShort(list) => wide(list),
-        Property::ListUShort(list) => wide(list),
-        Property::ListInt(list) => wide(list),
-        Property::ListUInt(list) => wide(list),
-        _ => return None,
-    })
-}
-
-/// The vertices and faces of a file, with the header.
-fn parse(path: &Path, bytes: &[u8]) -> Result<(Header, Vec<Row>, Vec<Row>), FormatError> {
-    let parser = Parser::<Row>::new();
-    let mut reader = Reader::new(Cursor::new(bytes));
-    let header = parser.read_header(&mut reader).map_err(|e| {
-        let place = e.line().map_or(Place::File, |line| Place::Line(line.max(1)));
-        FormatError::syntax(
-            path,
-            place,
-            first_line(&e.to_string()),
-            "a PLY header (ply, format, element ..., end_header)",
-        )
-    })?;
-    let (mut vertices, mut faces) = (vec![], vec![]);
-    for (name, element) in &header.elements {
-        let room = bytes.len() as u64 - reader.get_ref().position();
-        check_count(path, element, header.encoding, room)?;
-        let place = match header.encoding {
-            Encoding::Ascii => None,
-            _ => Some(Place::Part(format!("element {name:?} from byte {}", reader.get_ref().position()))),
-        };
-        let rows = parser.read_payload_for_element(&mut reader, element, &header).map_err(|e| {
-            let ascii = Place::Line(reader_line(bytes, reader.get_ref()));
-            let expected = format!("{} rows of element {name:?} as the header declares them", element.count);
-            match e.kind() {
-                std::io::ErrorKind::UnexpectedEof => FormatError::truncated(path, place.unwrap_or(ascii), expected),
-                _ => FormatError::syntax(path, place.unwrap_or(ascii), first_line(&e.to_string()), expected),
+        let faces = with_faces && (is("face") || is("tristrips"));
+        let list = if faces { index_list(path, element)? } else { None };
+        if is("tristrips") {
+            content.strips = content.strips.or(Some(content.ends.len()));
+        }
+        body.each(element, &Wanted { scalars: vec![], list }, |_, indices| {
+            if list.is_some() {
+                content.corners.extend_from_slice(indices);
+                content.ends.push(content.corners.len());
             }
+            Ok(())
         })?;
-        match name.as_str() {
-            "vertex" => vertices = rows,
-            "face" => faces = rows,
-            _ => {}
+    }
+    vertex?;
+    content.notes = body.left_over();
+    Ok(content)
+}
+
+/// The property that lists the vertices of a face.
+fn index_list(path: &Path, element: &Element) -> Result<Option<usize>, FormatError> {
+    let Some(at) = INDICES.into_iter().find_map(|name| element.find(name)) else { return Ok(None) };
+    match element.properties[at].kind {
+        Kind::List { item, .. } if item.is_integer() => Ok(Some(at)),
+        _ => {
+            let place = Place::Part(format!("element {:?}", element.name));
+            let found = format!("property {:?}", element.properties[at].name);
+            Err(FormatError::syntax(path, place, found, "a list of integers of that name"))
         }
     }
-    Ok((header, vertices, faces))
 }
 
-fn check_count(path: &Path, element: &ElementDef, encoding: Encoding, room: u64) -> Result<(), FormatError> {
-    let size = |scalar: &ScalarType| match scalar {
-        ScalarType::Char | ScalarType::UChar => 1,
-        ScalarType::Short | ScalarType::UShort => 2,
-        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
-        ScalarType::Double => 8,
-    };
-    let row: u64 = match encoding {
-        Encoding::Ascii => 1, // its line break
-        _ => element
-            .properties
-            .iter()
-            .map(|(_, p)| match &p.data_type {
-                PropertyType::Scalar(scalar) | PropertyType::List(scalar, _) => size(scalar),
-            })
-            .sum(),
-    };
-    let found = element.count as u64;
-    // The last line may lack its break.
-    let most = room.checked_div(row).map_or(0, |rows| rows + u64::from(encoding == Encoding::Ascii));
-    if found > most {
-        let place = Place::Part("header".to_owned());
-        let what = format!("rows of element {:?}", element.name);
-        return Err(FormatError::Count { path: path.to_owned(), place, what, found, most });
+/// Where the position and the normal of a vertex stand.
+fn vertex_properties(path: &Path, header: &Header) -> Result<([usize; 3], Option<[usize; 3]>), FormatError> {
+    let vertex = header.elements.iter().find(|e| e.name.eq_ignore_ascii_case("vertex"));
+    if let Some((vertex, xyz)) = vertex.and_then(|v| Some((v, v.find_all(["x", "y", "z"])?))) {
+        let normal = vertex.find_all(["nx", "ny", "nz"]);
+        return Ok((xyz, normal.or_else(|| vertex.find_all(["normal_x", "normal_y", "normal_z"]))));
     }
-    Ok(())
-}
-
-/// Line of the last byte that was read.
-fn reader_line(bytes: &[u8], cursor: &Cursor<&[u8]>) -> usize {
-    let end = (cursor.position() as usize).min(bytes.len());
-    Cursor::new(&bytes[..end]).split(b'\n').count()
-}
-
-fn first_line(message: &str) -> String {
-    message.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-fn has(header: &Header, element: &str, properties: [&str; 3]) -> bool {
-    header.elements.get(element).is_some_and(|e| properties.iter().all(|&p| e.properties.contains_key(p)))
-}
-
-fn check_positions(path: &Path, header: &Header) -> Result<(), FormatError> {
-    if has(header, "vertex", ["x", "y", "z"]) {
-        return Ok(());
-    }
-    let names: Vec<_> = header.elements.iter().map(|(name, _)| name.as_str()).collect();
-    let found = if names.is_empty() { "no element".to_owned() } else { format!("the elements {names:?}") };
+    let names: Vec<_> = header.elements.iter().map(|e| e.name.as_str()).collect();
+    let found = match vertex {
+        Some(vertex) => {
+            let names: Vec<_> = vertex.properties.iter().map(|p| p.name.as_str()).collect();
+            format!("an element vertex with {names:?}")
+        }
+        None if names.is_empty() => "no element".to_owned(),
+        None => format!("the elements {names:?}"),
+    };
     Err(FormatError::Empty { path: path.to_owned(), found, expected: "an element vertex with x, y and z" })
 }
 
 /// Reads a mesh.
 pub(crate) fn parse_mesh(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
-    let (header, vertices, faces) = parse(path, bytes)?;
-    check_positions(path, &header)?;
+    let Content { positions, corners, ends, strips, notes, .. } = parse(path, bytes, true)?;
     let mut builder = MeshBuilder::default();
-    let mut corners = vec![];
-    for (number, face) in faces.iter().enumerate() {
-        corners.clear();
-        for &index in &face.indices {
-            let vertex = usize::try_from(index).ok().and_then(|i| vertices.get(i)).ok_or(FormatError::Index {
-                path: path.to_owned(),
-                place: Place::Part(format!("face {number}")),
-                found: index,
-                vertices: vertices.len(),
-            })?;
-            corners.push((vertex.position, None));
+    builder.notes = notes;
+    let mut polygon = vec![];
+    let mut start = 0;
+    for (number, &end) in ends.iter().enumerate() {
+        let place = || Place::Part(format!("face {number}"));
+        let find = |index: i64| {
+            let vertex = usize::try_from(index).ok().and_then(|i| positions.get(i).copied());
+            let (path, vertices) = (path.to_owned(), positions.len());
+            vertex.map(|p| (p, None)).ok_or(FormatError::Index { path, place: place(), found: index, vertices })
+        };
+        let face = &corners[start..end];
+        start = end;
+        if strips.is_some_and(|first| number >= first) {
+            // Every second triangle of a strip is turned; -1 ends it.
+            for strip in face.split(|&i| i == -1) {
+                for (k, t) in strip.windows(3).enumerate() {
+                    let [a, b, c] = if k % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] };
+                    builder.push([find(a)?, find(b)?, find(c)?]);
+                }
+            }
+            continue;
         }
-        builder.push_polygon(&corners);
+        polygon.clear();
+        for &index in face {
+            polygon.push(find(index)?);
+        }
+        builder.push_polygon(&polygon, path, place)?;
     }
-    builder.finish(path, || format!("{} vertices and {} faces", vertices.len(), faces.len()))
+    builder.finish(path, || format!("{} vertices and {} faces", positions.len(), ends.len()))
 }
 
 /// Reads the vertices as a cloud.
 pub(crate) fn parse_cloud(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError> {
-    let (header, vertices, _) = parse(path, bytes)?;
-    check_positions(path, &header)?;
-    let with_normals = has(&header, "vertex", ["nx", "ny", "nz"]);
-    CloudFile::gather(path, vertices.iter().map(|v| (v.position, with_normals.then_some(v.normal))), None)
-}
-
-/// Writes a cloud as binary PLY (doubles).
-///
-/// # Errors
-/// What the operating system refuses.
-pub fn write_ply(path: &Path, cloud: &PointCloud) -> Result<(), FormatError> {
-    let normals = if cloud.has_normals() { "property double nx\nproperty double ny\nproperty double nz\n" } else { "" };
-    atomic_write_with(path, |out| {
-        write!(
-            out,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
-             property double z\n{normals}end_header\n",
-            cloud.len()
-        )?;
-        for (i, point) in cloud.points.iter().enumerate() {
-            write_vector(out, &point.coords)?;
-            if cloud.has_normals() {
-                write_vector(out, &cloud.normals[i])?;
-            }
-        }
-        Ok(())
-    })
-}
-
-/// A coloured point of a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ColoredPoint {
-    /// Position.
-    pub position: Point3<f64>,
-    /// Red, green, blue.
-    pub color: [u8; 3],
-}
-
-/// Writes coloured points and lines between some of them (camera frustums) as binary PLY, for any viewer.
-///
-/// # Errors
-/// What the operating system refuses.
-pub fn write_ply_scene(path: &Path, points: &[ColoredPoint], edges: &[[u32; 2]]) -> Result<(), FormatError> {
-    atomic_write_with(path, |out| {
-        write!(
-            out,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
-             property double z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement edge {}\n\
-             property int vertex1\nproperty int vertex2\nend_header\n",
-            points.len(),
-            edges.len()
-        )?;
-        for point in points {
-            write_vector(out, &point.position.coords)?;
-            out.write_all(&point.color)?;
-        }
-        for index in edges.iter().flatten() {
-            out.write_all(&index.to_le_bytes())?;
-        }
-        Ok(())
-    })
-}
-
-/// Writes a mesh as binary PLY (doubles).
-///
-/// # Errors
-/// What the operating system refuses.
-pub fn write_ply_mesh(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
-    atomic_write_with(path, |out| {
-        write!(
-            out,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
-             property double z\nelement face {}\nproperty list uchar uint vertex_indices\nend_header\n",
-            mesh.vertices.len(),
-            mesh.triangles.len()
-        )?;
-        for vertex in &mesh.vertices {
-            write_vector(out, &vertex.coords)?;
-        }
-        for triangle in &mesh.triangles {
-            out.write_all(&[3])?;
-            for index in triangle {
-                out.write_all(&index.to_le_bytes())?;
-            }
-        }
-        Ok(())
-    })
-}
-
-fn write_vector(out: &mut dyn Write, vector: &Vector3<f64>) -> std::io::Result<()> {
-    vector.iter().try_for_each(|x| out.write_all(&x.to_le_bytes()))
+    let Content { positions, normals, notes, .. } = parse(path, bytes, false)?;
+    let rows = positions.iter().enumerate().map(|(i, p)| (*p, normals.get(i).copied()));
+    CloudFile::gather(path, rows, None).map(|file| file.with_notes(notes))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geometry::PointCloud;
+    use nalgebra::{Point3, Vector3};
 
     fn mesh(text: &str) -> Result<Mesh, FormatError> {
         parse_mesh(Path::new("a.ply"), text.as_bytes())
@@ -333,6 +193,75 @@ mod tests {
         assert!(text(bare).contains("1000000000 rows of element \"nothing\" declared"));
         assert!(text("ply\nformat ascii 1.0\nend_header\n").contains("found no element"));
         assert!(text("plx\n").contains("PLY header"));
+    }
+
+    fn cloud(text: &str) -> CloudFile {
+        parse_cloud(Path::new("a.ply"), text.as_bytes()).unwrap_or_else(|e| panic!("{text}: {e}"))
+    }
+
+    #[test]
+    fn numbers_lines_and_names_of_the_field() {
+        let head = HEAD.replace("float x", "float X") + "property float scalar_Roughness_(0.05)\nend_header\n";
+        let rows = ".5 -.25 1. 0\n\nnan nan nan 1\n1 2 -1.#IND 7\n";
+        for text in
+            [format!("{head}{rows}"), format!("{head}{rows}").replace('\n', "\r"), format!("\u{feff}{head}{rows}")]
+        {
+            let file = cloud(&text);
+            assert_eq!((file.cloud.points[0], file.dropped), (Point3::new(-0.25, 0.5, 1.0), 2), "{text:?}");
+            assert_eq!(file.notes.len(), 1, "{:?}", file.notes);
+        }
+    }
+
+    #[test]
+    fn binary_of_either_order_with_wide_integers_and_lists() {
+        let head = |order: &str| {
+            format!(
+                "ply\nformat binary_{order}_endian 1.0\nelement vertex 3\nproperty float x\nproperty int64 t\n\
+                 property short y\nproperty double z\nelement face 1\nproperty list ushort uint64 vertex_index\nend_header\n"
+            )
+        };
+        let (mut little, mut big) = (head("little").into_bytes(), head("big").into_bytes());
+        for (x, y, z) in [(0f32, 0i16, 0f64), (2.0, 0, 0.0), (0.0, -2, 0.0)] {
+            little.extend([&x.to_le_bytes()[..], &9i64.to_le_bytes(), &y.to_le_bytes(), &z.to_le_bytes()].concat());
+            big.extend([&x.to_be_bytes()[..], &9i64.to_be_bytes(), &y.to_be_bytes(), &z.to_be_bytes()].concat());
+        }
+        little.extend([3, 0]);
+        big.extend([0, 3]);
+        for i in 0..3u64 {
+            little.extend(i.to_le_bytes());
+            big.extend(i.to_be_bytes());
+        }
+        for mut bytes in [little, big] {
+            assert_eq!(parse_mesh(Path::new("a.ply"), &bytes).unwrap().area(), 2.0);
+            bytes.pop();
+            let text = parse_mesh(Path::new("a.ply"), &bytes).expect_err("cut off").to_string();
+            assert!(text.contains("the file ends here, expected row 0 of 1 of element \"face\""), "{text}");
+        }
+    }
+
+    #[test]
+    fn strips_are_triangles_in_turn() {
+        let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                    element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n\
+                    8 0 1 2 3 -1 2 1 0\n";
+        let mesh = mesh(text).unwrap();
+        let up = |t: &[u32; 3]| {
+            let [a, b, c] = mesh.corners(*t);
+            (b - a).cross(&(c - a)).z
+        };
+        assert_eq!(mesh.triangles.iter().map(up).collect::<Vec<_>>(), [1.0, 1.0, -1.0]);
+    }
+
+    #[test]
+    fn what_follows_the_declared_rows_is_said() {
+        let rows = "0 0 0\n1 0 0\n0 1 0\n";
+        let file = cloud(&format!("{HEAD}end_header\n{rows}5 5 5\n6 6 6\n"));
+        assert_eq!(file.cloud.len(), 3);
+        assert!(file.notes[0].contains("2 lines follow behind the rows that the header declares"), "{:?}", file.notes);
+        assert!(cloud(&format!("{HEAD}end_header\n{}", rows.replace("1 0 0", "1 0 0 9"))).notes[0].contains("line 9"));
+        let binary = HEAD.replace("ascii", "binary_little_endian").replace("vertex 3", "vertex 1") + "end_header\n";
+        let text = binary + &"\u{1}".repeat(16 + 5);
+        assert!(cloud(&text).notes[0].contains("5 bytes follow"));
     }
 
     #[test]

@@ -92,7 +92,7 @@ impl CommonArgs {
             n => rayon::ThreadPoolBuilder::new()
                 .num_threads(n)
                 .build_global()
-                .map_err(|source| ProgramError::Threads { jobs: n, source }),
+                .map_err(|source| ProgramError::Threads { jobs: n, cause: source }),
         }
     }
 }
@@ -101,12 +101,12 @@ impl CommonArgs {
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramError {
     /// The threads do not start.
-    #[error("--jobs {jobs}: cannot start the threads: {source}")]
+    #[error("--jobs {jobs}: cannot start the threads: {cause}")]
     Threads {
         /// As given.
         jobs: usize,
         /// Why not.
-        source: rayon::ThreadPoolBuildError,
+        cause: rayon::ThreadPoolBuildError,
     },
     /// No handler for signals.
     #[error("cannot watch for Ctrl-C: {0}")]
@@ -305,7 +305,7 @@ mod tests {
     #[test]
     fn every_cause_is_said_once() {
         let missing = std::fs::read("no/such/file").expect_err("no such file");
-        let config = ConfigError::Io { path: "a.toml".into(), source: missing };
+        let config = ConfigError::Io { path: "a.toml".into(), cause: missing };
         let said = "cannot read configuration \"a.toml\": No such file or directory (os error 2)";
         assert_eq!(with_causes(&config), said);
         #[derive(Debug, thiserror::Error)]

@@ -303,8 +303,9 @@ fn depth() {
     let image = geometry::DepthImage { origin: [0, 0], size: [4, 3], depth: (0..12).map(|i| i as f32 * 0.1).collect() };
     formats::depth::write_depth(&path, &image, 8, 6, 0.001).unwrap();
     let is_depth = |path: &Path, bytes: &[u8]| {
-        parse_depth(path, bytes, 0.001)
-            .is_ok_and(|image| image.depth.len() as u64 == u64::from(image.size[0]) * u64::from(image.size[1]))
+        parse_depth(path, bytes, None).is_ok_and(|file| {
+            file.image.depth.len() as u64 == u64::from(file.image.size[0]) * u64::from(file.image.size[1])
+        })
     };
     fuzz("png", &seeds("png", vec![std::fs::read(&path).unwrap()]), is_depth);
     fuzz(

@@ -10,11 +10,29 @@ use std::collections::binary_heap::PeekMut;
 const OVERSAMPLING: usize = 5;
 /// Bound on the cells of the search grid.
 const MAX_CELLS: f64 = 8e6;
-/// Bound on the pairs of samples in neighbouring cells, a third of which are within reach, at 8 bytes each. A smooth surface
-/// has 50 per sample.
-const MAX_PAIRS: u64 = 300_000_000;
 /// Ratio of successive thresholds of the elimination.
 const BAND: f32 = 0.93;
+
+/// Most pairs of samples within reach of each other: 1 GiB of them. One layer of surface asks for 18 to a sample, ten on top of
+/// each other for 180.
+const MAX_PAIRS: usize = 1 << 27;
+
+/// A surface of which so much lies in one place that its points cannot be spread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooDense;
+
+impl std::fmt::Display for TooDense {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let limit = (MAX_PAIRS * size_of::<(u32, f32)>()) >> 20;
+        write!(
+            f,
+            "its surface lies in dozens of layers on top of each other: spreading points on it would take more than {limit} MiB; \
+             leave out faces that repeat or hide inside"
+        )
+    }
+}
+
+impl std::error::Error for TooDense {}
 
 /// `count` points on the surface, uniform over its area: one in each of `count` strips of equal area. Empty for
 /// a mesh without area.
@@ -48,29 +66,28 @@ pub fn sample_surface(mesh: &Mesh, count: usize, rng: &mut impl Rng) -> Vec<Poin
 
 /// `count` points on the surface that keep their distance from each other: weighted sample elimination (Yuksel
 /// 2015) from five times as many random ones, with the published parameters (alpha 8, beta 0.65, gamma 1.5).
-/// Own code: crates offer dart throwing in boxes only. Empty for a mesh without area. Layers upon layers of surface, where all
-/// pairs of near samples would not fit the memory, get random points: uniform over the area, but not apart.
-pub fn poisson_disk_sample(mesh: &Mesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
+/// Own code: crates offer dart throwing in boxes only. Empty for a mesh without area.
+///
+/// # Errors
+/// [`TooDense`]: the table of neighbours would outgrow what any object needs.
+pub fn poisson_disk_sample(mesh: &Mesh, count: usize, rng: &mut impl Rng) -> Result<Vec<Point3<f64>>, TooDense> {
     let samples = sample_surface(mesh, count * OVERSAMPLING, rng);
     if samples.is_empty() {
-        return samples;
+        return Ok(samples);
     }
     let radius = (mesh.area() / (2.0 * 3f64.sqrt() * count as f64)).sqrt();
-    let kept = eliminate(&samples, count, radius);
-    samples.into_iter().zip(kept).filter_map(|(p, keep)| keep.then_some(p)).collect()
+    let kept = eliminate(&samples, count, radius).ok_or(TooDense)?;
+    Ok(samples.into_iter().zip(kept).filter_map(|(p, keep)| keep.then_some(p)).collect())
 }
 
 /// Which of the samples remain when the one with the nearest neighbours is taken away until `count` are left;
-/// `radius` is the largest that `count` disks on this area can have.
-fn eliminate(samples: &[Point3<f64>], count: usize, radius: f64) -> Vec<bool> {
+/// `radius` is the largest that `count` disks on this area can have. `None` for too many neighbours.
+fn eliminate(samples: &[Point3<f64>], count: usize, radius: f64) -> Option<Vec<bool>> {
     let n = samples.len();
     let ratio = count as f64 / n as f64;
     let nearest = 2.0 * 0.65 * radius * (1.0 - ratio.powf(1.5));
     let grid = CellOrder::new(samples, 2.0 * radius);
-    if grid.pairs() > MAX_PAIRS {
-        return (0..n).map(|i| (i + 1) * count / n > i * count / n).collect();
-    }
-    let influences = Influences::new(&grid, nearest as f32, (2.0 * radius) as f32);
+    let influences = Influences::new(&grid, nearest as f32, (2.0 * radius) as f32)?;
     let mut weight: Vec<f32> = (0..n).map(|i| influences.of(i).iter().map(|&(_, w)| w).sum()).collect();
     // Weights only fall, so the samples above a falling threshold are the next to go, heaviest first: a small heap
     // at a time instead of one of all. An entry whose key is still its weight is the heaviest; others are put back.
@@ -106,7 +123,7 @@ fn eliminate(samples: &[Point3<f64>], count: usize, radius: f64) -> Vec<bool> {
             }
         }
     }
-    kept
+    Some(kept)
 }
 
 /// For each sample, by its place in cell order, the others within reach and the influence between the two: about
@@ -117,8 +134,9 @@ struct Influences {
 }
 
 impl Influences {
-    /// Influence (1 - d / reach)^8 of distance d, which counts as `nearest` where it is less.
-    fn new(grid: &CellOrder, nearest: f32, reach: f32) -> Self {
+    /// Influence (1 - d / reach)^8 of distance d, which counts as `nearest` where it is less; `None` for more than
+    /// [`MAX_PAIRS`].
+    fn new(grid: &CellOrder, nearest: f32, reach: f32) -> Option<Self> {
         let (n, per_reach) = (grid.sample.len(), 1.0 / reach);
         let (mut start, mut pairs) = (Vec::with_capacity(n + 1), Vec::with_capacity(20 * n));
         // The surroundings of a cell, copied together; padding lies beyond reach.
@@ -158,10 +176,17 @@ impl Influences {
                 found += usize::from((w > 0.0) & (j != i as u32));
             }
             start.push(pairs.len());
+            if pairs.len() + found > MAX_PAIRS {
+                return None;
+            }
+            // Never grown beyond the limit.
+            if pairs.len() + found > pairs.capacity() {
+                pairs.reserve_exact(pairs.len().max(found).min(MAX_PAIRS - pairs.len()));
+            }
             pairs.extend_from_slice(&within[..found]);
         }
         start.push(pairs.len());
-        Self { start, pairs }
+        Some(Self { start, pairs })
     }
 
     fn of(&self, i: usize) -> &[(u32, f32)] {
@@ -210,19 +235,6 @@ impl CellOrder {
         let axis = |k: usize| sample.iter().map(|&i| (points[i as usize] - low)[k] as f32).collect();
         let xyz = [axis(0), axis(1), axis(2)];
         Self { cells, start, cell, sample, xyz }
-    }
-
-    /// Number of pairs of points in the same or neighbouring cells.
-    fn pairs(&self) -> u64 {
-        let (mut pairs, mut around) = (0, 0);
-        for i in 0..self.cell.len() {
-            if i == 0 || self.cell[i] != self.cell[i - 1] {
-                around = 0;
-                self.for_rows(i, |range| around += range.len() as u64);
-            }
-            pairs += around;
-        }
-        pairs
     }
 
     /// Calls `visit` with the slices of points in the 27 cells around a point, nine at most.
@@ -291,7 +303,7 @@ mod tests {
     fn points_keep_their_distance_and_spread_evenly() {
         let mesh = torus(0.07, 0.03, 60);
         let count = 12_000;
-        let points = poisson_disk_sample(&mesh, count, &mut rng::stream(5, "samples"));
+        let points = poisson_disk_sample(&mesh, count, &mut rng::stream(5, "samples")).unwrap();
         assert_eq!(points.len(), count);
         // The facets lie up to 0.14 mm inside of the torus, and near the axis outside of it.
         assert!(points.iter().all(|p| {
@@ -307,7 +319,7 @@ mod tests {
         let outer = points.iter().filter(|p| p.xy().coords.norm() > 0.07).count() as f64 / count as f64;
         let share = (0.5 * std::f64::consts::PI * 0.07 + 0.03) / (std::f64::consts::PI * 0.07);
         assert!((outer - share).abs() < 0.005, "{outer} and {share}");
-        let again = poisson_disk_sample(&mesh, count, &mut rng::stream(5, "samples"));
+        let again = poisson_disk_sample(&mesh, count, &mut rng::stream(5, "samples")).unwrap();
         assert_eq!(points, again, "same stream, same points");
     }
 
@@ -316,7 +328,7 @@ mod tests {
         let mesh = torus(0.07, 0.03, 20);
         let samples = sample_surface(&mesh, 400, &mut rng::stream(6, "samples"));
         let radius = (mesh.area() / (2.0 * 3f64.sqrt() * 80.0)).sqrt();
-        let kept = eliminate(&samples, 80, radius);
+        let kept = eliminate(&samples, 80, radius).unwrap();
         // The definition, with all pairs and weights computed afresh before each removal.
         let nearest = 2.0 * 0.65 * radius * (1.0 - 0.2f64.powf(1.5));
         let mut expected = vec![true; 400];
@@ -334,27 +346,29 @@ mod tests {
     }
 
     #[test]
-    fn layers_upon_layers_get_random_points_in_bounded_memory() {
-        // A thousand squares within a millimetre: every sample is near every other one, 10^10 pairs.
-        let corner = |layer: u32, x: f64, y: f64| Point3::new(x, y, f64::from(layer) * 1e-6);
-        let vertices =
-            (0..1000).flat_map(|k| [corner(k, 0., 0.), corner(k, 1., 0.), corner(k, 1., 1.), corner(k, 0., 1.)]);
-        let triangles = (0..1000).flat_map(|k| [[4 * k, 4 * k + 1, 4 * k + 2], [4 * k, 4 * k + 2, 4 * k + 3]]);
-        let mesh = Mesh { vertices: vertices.collect(), triangles: triangles.collect() };
-        let points = poisson_disk_sample(&mesh, 20_000, &mut rng::stream(8, "samples"));
-        assert_eq!(points.len(), 20_000);
-        let left = points.iter().filter(|p| p.x < 0.5).count();
-        assert!((9_500..10_500).contains(&left), "{left} in the left half");
+    fn degenerate_meshes_have_no_points() {
+        let mut rng = rng::stream(7, "samples");
+        assert!(poisson_disk_sample(&Mesh::default(), 100, &mut rng).unwrap().is_empty());
+        let flat = Mesh { vertices: vec![Point3::origin(); 3], triangles: vec![[0, 1, 2]] };
+        assert!(poisson_disk_sample(&flat, 100, &mut rng).unwrap().is_empty());
+        assert!(poisson_disk_sample(&torus(1.0, 0.5, 8), 0, &mut rng).unwrap().is_empty());
+        assert_eq!(poisson_disk_sample(&torus(1.0, 0.5, 8), 1, &mut rng).unwrap().len(), 1);
     }
 
     #[test]
-    fn degenerate_meshes_have_no_points() {
-        let mut rng = rng::stream(7, "samples");
-        assert!(poisson_disk_sample(&Mesh::default(), 100, &mut rng).is_empty());
-        let flat = Mesh { vertices: vec![Point3::origin(); 3], triangles: vec![[0, 1, 2]] };
-        assert!(poisson_disk_sample(&flat, 100, &mut rng).is_empty());
-        assert!(poisson_disk_sample(&torus(1.0, 0.5, 8), 0, &mut rng).is_empty());
-        assert_eq!(poisson_disk_sample(&torus(1.0, 0.5, 8), 1, &mut rng).len(), 1);
+    fn layers_without_end_are_refused() {
+        let layers = |count: u32| {
+            let corner = |i: u32, x: f64, y: f64| Point3::new(x, y, f64::from(i) * 1e-6);
+            let vertices = (0..count).flat_map(|i| [corner(i, 0.0, 0.0), corner(i, 0.1, 0.0), corner(i, 0.0, 0.1)]);
+            Mesh {
+                vertices: vertices.collect(),
+                triangles: (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            }
+        };
+        let sample = |count| poisson_disk_sample(&layers(count), 60_000, &mut rng::stream(8, "samples"));
+        assert_eq!(sample(10).map(|points| points.len()), Ok(60_000));
+        let error = sample(19_900).expect_err("19,900 layers");
+        assert!(error.to_string().contains("1024 MiB"), "{error}");
     }
 
     #[test]
@@ -370,7 +384,7 @@ mod tests {
         let triangles = m.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
         let mesh = Mesh { vertices, triangles }.normalized(0.2);
         let time = std::time::Instant::now();
-        let points = poisson_disk_sample(&mesh, 60_000, &mut rng::stream(0, "samples"));
+        let points = poisson_disk_sample(&mesh, 60_000, &mut rng::stream(0, "samples")).unwrap();
         let seconds = time.elapsed().as_secs_f64();
         let (mean, cv, percentile) = statistics(&spacings(&points, 0.0012));
         println!("bunny: mean {:.4} mm, 1 % {:.4} mm, CV {cv:.4}; {seconds:.3} s", mean * 1e3, percentile * 1e3);

@@ -50,15 +50,15 @@ pub struct Args {
     /// Open3D's .log, COLMAP's images.txt. Their directions: docs/formats.md.
     #[arg(long, value_name = "FILE")]
     pub views_from: Option<PathBuf>,
-    /// Metres per unit of the depth images, if not the usual.
+    /// Metres per unit of the depth images, integers or floats, if not the usual.
     #[arg(long, value_name = "METRES", value_parser = length, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub depth_unit: Option<f64>,
     /// What pixels without a return mean: unknown, or free (nothing there).
     #[arg(long, value_name = "MEANING", value_parser = misses)]
     pub misses: Option<Misses>,
-    /// Unit of the clouds and of --from.
-    #[arg(long, value_enum, default_value = "m", requires = "scan", conflicts_with_all = ["object", "serve"])]
-    pub unit: Unit,
+    /// Unit of the clouds and of --from; metres, or the unit that a text cloud names with its columns, if not given.
+    #[arg(long, value_enum, requires = "scan", conflicts_with_all = ["object", "serve"])]
+    pub unit: Option<Unit>,
     /// Distance from target to camera in metres, or a range to choose from: MIN..MAX.
     #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = distances)]
     pub distance: Option<(f64, f64)>,

@@ -1,7 +1,7 @@
 //! `--session DIR`: a session that goes on from command to command, kept as the service keeps its own.
 
 use crate::args::Args;
-use crate::load;
+use crate::load::{self, Loaded};
 use crate::request::{Ask, Body, cloud_body};
 use crate::service::{Entry, Method, Open, Service, ServiceConfig};
 use anyhow::{Context, Result};
@@ -50,18 +50,19 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
     };
     for (i, path) in args.scan.iter().enumerate() {
         // What is wrong with it is told in full: it is the user's own.
-        let scan = match of_clouds.get(i) {
+        let given = args.from.get(i).copied();
+        let loaded = match of_clouds.get(i) {
             Some(pose) => load::cloud_from(path, args.unit, pose)?,
-            None => load::cloud(path, args.unit)?,
+            None => load::cloud(path, args.unit, given)?,
         };
-        let told = match scan {
-            Scan::Cloud { from: Some(from), .. } => Some((from / args.unit.metres()).coords.into()),
-            _ => args.from.get(i).copied(),
+        let told = match (of_clouds.get(i), loaded.scan.camera_position(), loaded.reading.metres_per_unit) {
+            (Some(_), Some(from), Some(metres)) => Some((from / metres).coords.into()),
+            _ => given,
         };
         add(path, &cloud_body(path, args.unit, told)?)?;
     }
     for (path, pose) in args.depth.iter().zip(of_images) {
-        let scan = load::depth(path, args.depth_unit, pose, args.intrinsics, config.misses)?;
+        let Loaded { scan, .. } = load::depth(path, args.depth_unit, pose, args.intrinsics, config.misses)?;
         let Scan::Depth { camera, world_from_camera, misses, .. } = scan else { continue };
         let bytes = STANDARD.encode(load::named_bytes(path)?);
         let is_png = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png"));

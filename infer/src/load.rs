@@ -1,25 +1,34 @@
 //! From files to scans, and back: everything of the program that touches bytes goes through `formats`.
 
+mod organised;
+mod poses;
+
+pub use poses::{PoseFile, poses, rigid};
+
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
 use formats::FormatError;
-use formats::cloud::{CloudFile, Grid, parse_cloud, read_cloud};
-use formats::depth::{parse_depth, read_depth};
-use formats::poses::{FilePose, read_poses};
-use geometry::{DepthImage, PinholeCamera};
-use nalgebra::{Isometry3, Point3, Vector2};
-use planning::Misses;
-use planning::Scan;
-use planning::pose::from_quaternion;
-use serde::Serialize;
+use formats::cloud::{CloudFile, parse_cloud, read_cloud};
+use formats::depth::{DepthFile, parse_depth, read_depth};
+use geometry::PinholeCamera;
+use nalgebra::{Isometry3, Point3};
+use organised::depth_of_organised;
+use planning::{Misses, Reading, Scan};
 use std::path::Path;
 
-/// Metres per step of a 16-bit depth image, where nothing else is said.
-pub const DEPTH_UNIT: f64 = 0.001;
+/// A scan, and what there is to say of how it was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loaded {
+    /// The scan.
+    pub scan: Scan,
+    /// Guesses and losses, and the unit.
+    pub reading: Reading,
+}
 
-/// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera.
-pub fn cloud(path: &Path, unit: Unit) -> Result<Scan> {
-    Ok(from_cloud_file(read_cloud(path)?, unit))
+/// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera. Without `unit`, the
+/// unit that the file names holds, or metres. `from`, the camera's position in the unit of the cloud, if it is known.
+pub fn cloud(path: &Path, unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
+    Ok(from_cloud_file(read_cloud(path)?, unit).seen_from(from))
 }
 
 /// Largest file that a request may name, bytes.
@@ -39,9 +48,9 @@ pub fn named_bytes(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// [`cloud`] of such a file. Who asks need not be allowed to see it: what is in it shows in no error.
-pub fn named_cloud(path: &Path, bytes: &[u8], unit: Unit) -> Result<Scan> {
+pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
     match parse_cloud(path, bytes) {
-        Ok(file) => Ok(from_cloud_file(file, unit)),
+        Ok(file) => Ok(from_cloud_file(file, unit).seen_from(from)),
         Err(error @ FormatError::UnknownType { .. }) => Err(error.into()),
         Err(_) => {
             bail!("{}: not a cloud as its ending says (infer --scan FILE tells where it is not)", path.display())
@@ -50,95 +59,125 @@ pub fn named_cloud(path: &Path, bytes: &[u8], unit: Unit) -> Result<Scan> {
 }
 
 /// [`cloud`] from bytes; the name's ending tells the format.
-pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Unit) -> Result<Scan> {
-    Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit))
+pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
+    Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit).seen_from(from))
 }
 
-fn from_cloud_file(mut file: CloudFile, unit: Unit) -> Scan {
-    let metres = unit.metres();
+fn from_cloud_file(mut file: CloudFile, unit: Option<Unit>) -> Loaded {
+    let mut notes = std::mem::take(&mut file.notes);
+    let metres = unit.map(Unit::metres).or(file.metres_per_unit).unwrap_or(1.0);
+    match (unit, file.metres_per_unit) {
+        (Some(_), Some(named)) if named != metres => {
+            notes.push(format!(
+                "its columns name a unit of {named} m, and it was read in units of {metres} m as asked (--unit)"
+            ));
+        }
+        (None, Some(named)) if named != 1.0 => notes.push(format!("read in units of {named} m, as its columns say")),
+        _ => {}
+    }
     if metres != 1.0 {
         file.cloud.points.iter_mut().for_each(|p| p.coords *= metres);
         if let Some(viewpoint) = &mut file.viewpoint {
             viewpoint.translation.vector *= metres;
         }
     }
+    notes.extend(leave_out_camera(&mut file));
+    let reading = Reading { notes, metres_per_unit: Some(metres) };
     let poses = file.viewpoint.into_iter().chain([Isometry3::identity()]);
     if let Some(grid) = &file.grid {
         for pose in poses {
             if let Some((camera, depth)) = depth_of_organised(&file.cloud.points, grid, &pose) {
                 // Sensors that write organised clouds leave out what they failed on, too.
-                return Scan::Depth { camera, depth, world_from_camera: pose, misses: Misses::Unknown };
+                let scan = Scan::Depth { camera, depth, world_from_camera: pose, misses: Misses::Unknown };
+                return Loaded { scan, reading };
             }
         }
     }
     let from = file.viewpoint.map(|pose| Point3::from(pose.translation.vector));
-    Scan::Cloud { cloud: file.cloud, from }
+    Loaded { scan: Scan::Cloud { cloud: file.cloud, from }, reading }
 }
 
-/// The pinhole camera that maps every point of an organised cloud onto its pixel, seen from `world_from_camera`, and
-/// the depth image; `None` where no such camera does within a pixel (a scanner with another geometry, or another
-/// frame).
-fn depth_of_organised(
-    points: &[Point3<f64>],
-    grid: &Grid,
-    world_from_camera: &Isometry3<f64>,
-) -> Option<(PinholeCamera, DepthImage)> {
-    if points.len() < 100 || grid.width < 2 || grid.height < 2 {
-        return None;
+/// Leaves out the points of an organised cloud that lie where its sensor was: (0, 0, 0) of pixels without a return, moved
+/// with the rest.
+fn leave_out_camera(file: &mut CloudFile) -> Option<String> {
+    let (Some(grid), Some(viewpoint)) = (&mut file.grid, file.viewpoint) else { return None };
+    let camera = Point3::from(viewpoint.translation.vector);
+    let near = 1e-6 * (1.0 + camera.coords.norm());
+    let kept: Vec<usize> = (0..file.cloud.len()).filter(|&i| (file.cloud.points[i] - camera).norm() > near).collect();
+    let left_out = file.cloud.len() - kept.len();
+    if left_out > 0 {
+        grid.pixels = kept.iter().map(|&i| grid.pixels[i]).collect();
+        file.cloud = planning::thin::select(&file.cloud, &kept);
     }
-    let camera_from_world = world_from_camera.inverse();
-    let local: Vec<Point3<f64>> = points.iter().map(|p| camera_from_world * p).collect();
-    if local.iter().any(|p| p.z <= 0.0) {
-        return None;
-    }
-    let pixel = |i: usize| (grid.pixels[i] as usize % grid.width, grid.pixels[i] as usize / grid.width);
-    let columns = (0..local.len()).map(|i| Vector2::new(local[i].x / local[i].z, pixel(i).0 as f64));
-    let rows = (0..local.len()).map(|i| Vector2::new(local[i].y / local[i].z, pixel(i).1 as f64));
-    let (fx, cx) = line_through(columns)?;
-    let (fy, cy) = line_through(rows)?;
-    let camera = PinholeCamera { width: grid.width as u32, height: grid.height as u32, fx, fy, cx, cy };
-    let mut depth = vec![0.0; grid.width * grid.height];
-    for (i, p) in local.iter().enumerate() {
-        let (column, row) = pixel(i);
-        let projected = camera.project(p);
-        if (projected.x - column as f64).abs() > 1.0 || (projected.y - row as f64).abs() > 1.0 {
-            return None;
+    (left_out > 0).then(|| format!("{left_out} points where the sensor was are taken for pixels without a return"))
+}
+
+impl Loaded {
+    /// With the camera's position, in the unit of the cloud; said where an organised cloud proves another.
+    fn seen_from(mut self, given: Option<[f64; 3]>) -> Self {
+        let Some(given) = given else { return self };
+        let given = Point3::from(given) * self.reading.metres_per_unit.unwrap_or(1.0);
+        match &mut self.scan {
+            Scan::Cloud { from, .. } => *from = Some(given),
+            Scan::Depth { world_from_camera, .. } => {
+                let proven = Point3::from(world_from_camera.translation.vector);
+                if (proven - given).norm() > 1e-3 {
+                    let triple = |p: Point3<f64>| format!("({:.3}, {:.3}, {:.3})", p.x, p.y, p.z);
+                    self.reading.notes.push(format!(
+                        "an organised cloud whose pixels prove a camera at {}: the position given, {}, is not used",
+                        triple(proven),
+                        triple(given)
+                    ));
+                }
+            }
         }
-        depth[grid.pixels[i] as usize] = p.z as f32;
+        self
     }
-    Some((camera, DepthImage { origin: [0, 0], size: [camera.width, camera.height], depth }))
 }
 
-/// Slope and intercept of y over x by least squares; `None` unless the slope is a positive number.
-fn line_through(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<(f64, f64)> {
-    let count = points.clone().count() as f64;
-    let mean = points.clone().sum::<Vector2<f64>>() / count;
-    let (xx, xy) = points.fold((0.0, 0.0), |(xx, xy), p| {
-        let d = p - mean;
-        (xx + d.x * d.x, xy + d.x * d.y)
-    });
-    let slope = xy / xx;
-    (slope.is_finite() && slope > 0.0).then(|| (slope, mean.y - slope * mean.x))
+/// The camera of a depth image, from fx, fy, cx, cy in pixels.
+fn pinhole(file: &DepthFile, intrinsics: [f64; 4]) -> Result<PinholeCamera> {
+    let [fx, fy, cx, cy] = intrinsics;
+    if !(fx > 0.0 && fy > 0.0 && intrinsics.iter().all(|x| x.is_finite())) {
+        bail!("intrinsics: expected fx, fy, cx, cy with fx and fy positive, found {fx}, {fy}, {cx}, {cy}");
+    }
+    Ok(PinholeCamera { width: file.image.size[0], height: file.image.size[1], fx, fy, cx, cy })
 }
 
-/// A 16-bit PNG.
-pub fn depth_png(bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthImage> {
-    Ok(parse_depth("depth.png".as_ref(), bytes, metres_per_unit.unwrap_or(DEPTH_UNIT))?)
+/// A depth image, and what is odd about its camera.
+pub fn from_depth_file(
+    file: DepthFile,
+    intrinsics: [f64; 4],
+    world_from_camera: Isometry3<f64>,
+    misses: Misses,
+) -> Result<Loaded> {
+    let camera = pinhole(&file, intrinsics)?;
+    let mut notes = file.notes;
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let off = |center: f64, size: f64| (center / size - 0.5).abs();
+    let point = format!("({}, {}) of an image of {width} x {height} pixels", camera.cx, camera.cy);
+    if off(camera.cx, width).max(off(camera.cy, height)) > 0.5 {
+        notes.push(format!("the principal point {point} lies outside: intrinsics of another resolution?"));
+    } else if off(camera.cx, width).min(off(camera.cy, height)) > 0.2 {
+        notes.push(format!("the principal point {point} lies far from its middle: intrinsics of another resolution?"));
+    }
+    let reading = Reading { notes, metres_per_unit: None };
+    Ok(Loaded { scan: Scan::Depth { camera, depth: file.image, world_from_camera, misses }, reading })
 }
 
-/// An NPY image; `metres_per_unit` counts for integers.
-pub fn depth_npy(bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthImage> {
-    Ok(parse_depth("depth.npy".as_ref(), bytes, metres_per_unit.unwrap_or(DEPTH_UNIT))?)
+/// A depth image in bytes; the name's ending tells the format.
+pub fn depth_bytes(name: &str, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthFile> {
+    check_unit("metres_per_unit", metres_per_unit)?;
+    Ok(parse_depth(name.as_ref(), bytes, metres_per_unit)?)
 }
 
-/// A pose file as it is written here; [`formats::poses`] reads it, and others.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PoseFile {
-    /// 4 x 4, row by row, metres.
-    pub world_from_camera: [[f64; 4]; 4],
-    /// fx, fy, cx, cy in pixels.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub intrinsics: Option<[f64; 4]>,
+fn check_unit(name: &str, metres_per_unit: Option<f64>) -> Result<()> {
+    match metres_per_unit {
+        Some(unit) if !(unit > 0.0 && unit.is_finite()) => {
+            bail!("{name}: expected metres per unit such as 0.001, found {unit}")
+        }
+        _ => Ok(()),
+    }
 }
 
 /// A depth image from a file, with its pose as given on the command line.
@@ -148,27 +187,23 @@ pub fn depth(
     pose: &str,
     intrinsics: Option<[f64; 4]>,
     misses: Misses,
-) -> Result<Scan> {
-    let (world_from_camera, known) = read_pose(pose)?;
-    let Some([fx, fy, cx, cy]) = intrinsics.or(known) else {
+) -> Result<Loaded> {
+    check_unit("--depth-unit", metres_per_unit)?;
+    let (world_from_camera, known) = poses::read_pose(pose)?;
+    let Some(intrinsics) = intrinsics.or(known) else {
         bail!(
             "{}: the camera is unknown: give --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file",
             path.display()
         );
     };
-    if !(fx > 0.0 && fy > 0.0) {
-        bail!("--intrinsics: fx and fy must be positive, found {fx} and {fy}");
-    }
-    let depth = read_depth(path, metres_per_unit.unwrap_or(DEPTH_UNIT))?;
-    let camera = PinholeCamera { width: depth.size[0], height: depth.size[1], fx, fy, cx, cy };
-    Ok(Scan::Depth { camera, depth, world_from_camera, misses })
+    from_depth_file(read_depth(path, metres_per_unit)?, intrinsics, world_from_camera, misses)
 }
 
 /// A cloud from a file with the pose of its camera: most of it must lie ahead.
-pub fn cloud_from(path: &Path, unit: Unit, pose: &str) -> Result<Scan> {
-    let (world_from_camera, _) = read_pose(pose)?;
-    let mut scan = cloud(path, unit)?;
-    let Scan::Cloud { cloud, from } = &mut scan else {
+pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded> {
+    let (world_from_camera, _) = poses::read_pose(pose)?;
+    let mut loaded = cloud(path, unit, None)?;
+    let Scan::Cloud { cloud, from } = &mut loaded.scan else {
         bail!("{}: its pixels tell where its camera was already: leave --pose {pose} away", path.display());
     };
     let camera_from_world = world_from_camera.inverse();
@@ -182,75 +217,19 @@ pub fn cloud_from(path: &Path, unit: Unit, pose: &str) -> Result<Scan> {
         );
     }
     *from = Some(Point3::from(world_from_camera.translation.vector));
-    Ok(scan)
+    Ok(loaded)
 }
 
-/// A pose from tx,ty,tz,qx,qy,qz,qw, from a file with one, or, as FILE:NAME or FILE:INDEX, from one with several.
-fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
-    if let Ok([x, y, z, qx, qy, qz, qw]) = crate::args::numbers::<7>(text) {
-        let pose = from_quaternion([qx, qy, qz, qw], [x, y, z]).map_err(anyhow::Error::msg);
-        return Ok((pose.with_context(|| format!("--pose {text}"))?, None));
-    }
-    let (file, wanted) = match text.rsplit_once(':') {
-        Some((file, wanted)) if !Path::new(text).exists() => (file, Some(wanted)),
-        _ => (text, None),
-    };
-    if !Path::new(file).exists() {
-        bail!("--pose {text}: neither tx,ty,tz,qx,qy,qz,qw nor a file that can be read");
-    }
-    let poses = known_poses(Path::new(file))?;
-    let count = poses.len();
-    let chosen = match wanted {
-        None if count == 1 => poses.first(),
-        None => {
-            bail!("--pose {text}: found {count} poses, expected one: name it, {text}:NAME or {text}:0 to {}", count - 1)
-        }
-        Some(wanted) => {
-            let named = poses.iter().find(|p| p.name.as_deref() == Some(wanted));
-            named.or_else(|| poses.get(wanted.parse::<usize>().ok()?))
-        }
-    };
-    let pose = chosen.with_context(|| format!("--pose {text}: no such pose among the {count} of {file}"))?;
-    Ok((pose.world_from_camera, pose.intrinsics))
-}
-
-/// The poses of cameras of a file, for [`planning::Session::set_given_views`].
-pub fn poses(path: &Path) -> Result<Vec<Isometry3<f64>>> {
-    Ok(known_poses(path)?.iter().map(|p| p.world_from_camera).collect())
-}
-
-/// The poses of a file; what is odd about them is said.
-fn known_poses(path: &Path) -> Result<Vec<FilePose>> {
-    let file = read_poses(path)?;
-    if file.of_scans {
-        bail!(
-            "{}: the lines of a .conf place range images, whose cameras stood elsewhere: expected poses of cameras",
-            path.display()
-        );
-    }
-    let off = file.poses.iter().map(|p| p.off).fold(0.0, f64::max);
-    if off > NOT_ROUNDING {
-        tracing::warn!("{}: rotations are off by up to {off:.1e}; the nearest ones are taken", path.display());
-    }
-    Ok(file.poses)
-}
-
-/// Rotations are off by more than rounding.
-const NOT_ROUNDING: f64 = 1e-3;
-
-/// A 4 x 4 matrix as a rigid motion; said where it was off by more than rounding.
-pub fn rigid(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, String> {
-    let (pose, off) = planning::pose::rigid(rows)?;
-    if off > NOT_ROUNDING {
-        tracing::warn!("world_from_camera: its rotation is off by {off:.1e}; the nearest one is taken");
-    }
-    Ok(pose)
+#[cfg(test)]
+mod to_pose {
+    mod tests;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::PointCloud;
+    use formats::cloud::Grid;
+    use geometry::{DepthImage, PointCloud};
 
     fn organised(camera: &PinholeCamera, pose: &Isometry3<f64>) -> CloudFile {
         let mut file = CloudFile::default();
@@ -273,7 +252,9 @@ mod tests {
         let moved = CloudFile { viewpoint: Some(pose), ..organised(&camera, &pose) };
         for (file, expected) in [(organised(&camera, &Isometry3::identity()), Isometry3::identity()), (moved, pose)] {
             let points = file.cloud.points.clone();
-            let Scan::Depth { camera: found, depth, world_from_camera, misses } = from_cloud_file(file, Unit::M) else {
+            let loaded = from_cloud_file(file, None);
+            assert_eq!(loaded.reading.notes, Vec::<String>::new());
+            let Scan::Depth { camera: found, depth, world_from_camera, misses } = loaded.scan else {
                 panic!("a depth image was expected");
             };
             assert!((found.fx - 55.0).abs() < 1e-6 && (found.cy - 25.5).abs() < 1e-6, "{found:?}");
@@ -289,7 +270,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("secret.xyz");
         std::fs::write(&path, "x y z\nhunter2 is the password").expect("a file");
-        let read = |path: &Path| named_cloud(path, &named_bytes(path)?, Unit::M);
+        let read = |path: &Path| named_cloud(path, &named_bytes(path)?, None, None);
         let error = format!("{:#}", read(&path).expect_err("no cloud"));
         assert!(error.contains("secret.xyz") && !error.contains("hunter2"), "{error}");
         std::fs::write(&path, "1 2 3\n").expect("a file");
@@ -306,29 +287,71 @@ mod tests {
         let mut file = organised(&camera, &Isometry3::identity());
         file.cloud.points.iter_mut().for_each(|p| p.x += 0.3);
         assert!(
-            matches!(from_cloud_file(file, Unit::M), Scan::Cloud { from: None, .. }),
+            matches!(from_cloud_file(file, Some(Unit::M)).scan, Scan::Cloud { from: None, .. }),
             "shifted: not from the origin"
         );
         let flat = PointCloud { points: vec![Point3::new(1.0, 2.0, 3.0)], normals: Vec::new() };
         let file = CloudFile { cloud: flat, ..Default::default() };
-        let Scan::Cloud { cloud, .. } = from_cloud_file(file, Unit::Mm) else { panic!("a cloud was expected") };
+        let Scan::Cloud { cloud, .. } = from_cloud_file(file, Some(Unit::Mm)).scan else {
+            panic!("a cloud was expected")
+        };
         assert_eq!(cloud.points, vec![Point3::new(0.001, 0.002, 0.003)], "millimetres become metres");
     }
 
     #[test]
-    fn poses_that_are_none_are_refused() {
-        let identity = [[1., 0., 0., 0.], [0., 1., 0., 0.], [0., 0., 1., 0.], [0., 0., 0., 1.]];
-        assert_eq!(rigid(&identity), Ok(Isometry3::identity()));
-        let mut mirrored = identity;
-        mirrored[0][0] = -1.0;
-        assert!(rigid(&mirrored).expect_err("mirrored").contains("determinant -1"), "says so");
-        let mut by_column = identity;
-        by_column[3] = [0.5, 0.0, 0.0, 1.0];
-        assert!(rigid(&by_column).expect_err("transposed").contains("row by row"), "names the likely mistake");
-        let (pose, _) = read_pose("1,2,3,0,0,0,1").expect("numbers");
-        assert_eq!(pose, Isometry3::translation(1.0, 2.0, 3.0), "translation and quaternion");
-        assert!(read_pose("1,2,3,0,0,0,2").is_err(), "not a unit quaternion");
-        assert!(format!("{:#}", read_pose("nowhere.json").expect_err("no file")).contains("nowhere.json"));
+    fn a_position_that_an_organised_cloud_contradicts_is_said() {
+        let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+        let file = || from_cloud_file(organised(&camera, &Isometry3::identity()), Some(Unit::Mm));
+        let notes = |from| file().seen_from(Some(from)).reading.notes;
+        assert!(notes([1000.0, 2.0, 3.0])[0].contains("camera at (0.000, 0.000, 0.000)"));
+        assert!(notes([0.0, 0.5, 0.0]).is_empty() && file().seen_from(None).reading.notes.is_empty());
+        let cloud = CloudFile { grid: None, ..organised(&camera, &Isometry3::identity()) };
+        let Loaded { scan, reading } = from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some([1000.0, 0.0, 0.0]));
+        assert_eq!((scan.camera_position(), reading.notes.len()), (Some(Point3::new(1.0, 0.0, 0.0)), 0));
+    }
+
+    #[test]
+    fn pixels_at_the_sensor_are_misses() {
+        let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+        let pose = Isometry3::translation(1.0, 2.0, 3.0);
+        let mut file = CloudFile { viewpoint: Some(pose), ..organised(&camera, &pose) };
+        file.cloud.points[..99].fill(Point3::new(1.0, 2.0, 3.0));
+        let Loaded { scan, reading } = from_cloud_file(file, None);
+        let Scan::Depth { depth, .. } = scan else { panic!("a depth image was expected") };
+        assert_eq!(depth.depth.iter().filter(|&&z| z > 0.0).count(), 64 * 48 - (64 * 48usize).div_ceil(7) - 99);
+        assert!(reading.notes[0].contains("99 points where the sensor was"), "{:?}", reading.notes);
+    }
+
+    #[test]
+    fn the_unit_asked_for_holds_else_the_one_named() {
+        let file = |unit| {
+            let cloud = PointCloud { points: vec![Point3::new(1.0, 2.0, 3.0)], normals: Vec::new() };
+            from_cloud_file(CloudFile { cloud, metres_per_unit: Some(0.01), ..Default::default() }, unit)
+        };
+        for (unit, x, said) in [(None, 0.01, "as its columns say"), (Some(Unit::M), 1.0, "as asked (--unit)")] {
+            let Loaded { scan: Scan::Cloud { cloud, .. }, reading } = file(unit) else {
+                panic!("a cloud was expected")
+            };
+            assert_eq!((cloud.points[0].x, reading.metres_per_unit), (x, Some(x)));
+            assert!(reading.notes[0].contains(said), "{:?}", reading.notes);
+        }
+    }
+
+    #[test]
+    fn a_principal_point_outside_is_said() {
+        let notes = |size: [u32; 2], intrinsics| {
+            let image = DepthImage { origin: [0, 0], size, depth: vec![0.0; (size[0] * size[1]) as usize] };
+            let file = DepthFile { image, notes: Vec::new() };
+            from_depth_file(file, intrinsics, Isometry3::identity(), Misses::Unknown).map(|loaded| loaded.reading.notes)
+        };
+        assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("lies outside"));
+        assert!(notes([64, 48], [60.0, 60.0, 16.0, 12.0]).expect("read")[0].contains("far from its middle"));
+        assert!(notes([32, 24], [30.0, 30.0, 16.0, 12.0]).expect("read").is_empty());
+        assert!(notes([32, 24], [30.0, 30.0, 12.0, 16.0]).expect("read").is_empty(), "cut out of a larger one");
+        assert!(
+            notes([32, 24], [30.0, 0.0, 16.0, 12.0]).is_err() && notes([32, 24], [30.0, 30.0, f64::NAN, 1.0]).is_err()
+        );
+        assert!(depth_bytes("a.png", b"", Some(0.0)).expect_err("no unit").to_string().contains("metres_per_unit"));
     }
 
     #[test]
@@ -337,7 +360,8 @@ mod tests {
         let path = dir.path().join("poses.log");
         let matrix = |z: i32| format!("1 0 0 0\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
         std::fs::write(&path, format!("5 5 6\n{}6 6 7\n{}", matrix(3), matrix(4))).expect("written");
-        let at = |suffix: &str| read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
+        let at =
+            |suffix: &str| poses::read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
         assert_eq!((at(":0").ok(), at(":1").ok(), at(":6").ok()), (Some(3.0), Some(4.0), Some(4.0)));
         let several = format!("{:#}", at("").expect_err("which?"));
         assert!(several.contains("found 2 poses") && several.contains("poses.log:0 to 1"), "{several}");
@@ -356,10 +380,10 @@ mod tests {
         let rows = |z: i32| format!("1 0 0 0.5\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
         std::fs::write(&pose, rows(0)).expect("written");
         let text = pose.display().to_string();
-        let scan = cloud_from(&cloud, Unit::M, &text).expect("ahead");
-        assert_eq!(scan.camera_position(), Some(Point3::new(0.5, 0.0, 0.0)));
+        let loaded = cloud_from(&cloud, None, &text).expect("ahead");
+        assert_eq!(loaded.scan.camera_position(), Some(Point3::new(0.5, 0.0, 0.0)));
         std::fs::write(&pose, rows(2)).expect("written");
-        let error = cloud_from(&cloud, Unit::M, &text).expect_err("behind").to_string();
+        let error = cloud_from(&cloud, None, &text).expect_err("behind").to_string();
         assert!(error.contains("0 % of the points") && error.contains("the inverse"), "{error}");
     }
 }

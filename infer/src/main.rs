@@ -16,8 +16,9 @@ use args::Args;
 use formats::Flag;
 use formats::program::{CommonArgs, finish, misuse, print, print_line, stop_when_asked};
 use infer::report::{ReportInput, report_html};
-use nalgebra::{Isometry3, Point3, Vector3};
-use planning::{Answer, PlannerName, Scan, Session, SessionConfig};
+use load::Loaded;
+use nalgebra::Isometry3;
+use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
 use service::{Service, ServiceConfig};
 use std::path::Path;
 use std::process::ExitCode;
@@ -118,14 +119,11 @@ fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
 fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
     let (of_clouds, of_images) = args.cameras()?;
     for (i, path) in args.scan.iter().enumerate() {
-        let mut scan = match of_clouds.get(i) {
+        let loaded = match of_clouds.get(i) {
             Some(pose) => load::cloud_from(path, args.unit, pose)?,
-            None => load::cloud(path, args.unit)?,
+            None => load::cloud(path, args.unit, args.from.get(i).copied())?,
         };
-        if let (Scan::Cloud { from, .. }, Some(given)) = (&mut scan, args.from.get(i)) {
-            *from = Some(Point3::from(Vector3::from(*given) * args.unit.metres()));
-        }
-        add(session, path, scan)?;
+        add(session, path, loaded)?;
     }
     let misses = session.config().misses;
     for (path, pose) in args.depth.iter().zip(of_images) {
@@ -134,8 +132,10 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
     Ok(())
 }
 
-fn add(session: &mut Session, path: &Path, scan: Scan) -> Result<()> {
-    let report = session.add_scan(scan).with_context(|| path.display().to_string())?;
+fn add(session: &mut Session, path: &Path, Loaded { scan, mut reading }: Loaded) -> Result<()> {
+    reading.notes.iter_mut().for_each(|note| *note = format!("{}: {note}", path.display()));
+    let report =
+        session.add_scan_within(scan, reading, &Budget::default()).with_context(|| path.display().to_string())?;
     tracing::info!("{}: {}", path.display(), report.describe());
     Ok(())
 }

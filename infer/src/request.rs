@@ -4,8 +4,9 @@ mod scan;
 
 pub use scan::{Unit, cloud_body};
 
+use crate::load::Loaded;
 use crate::service::{BoundedJson, Method, OnDeadline, Refusal, Written};
-use planning::{Misses, Scan, SessionConfig};
+use planning::{Misses, SessionConfig};
 use scan::ScanRequest;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -71,8 +72,8 @@ pub enum Ask {
     Create(CreateRequest),
     /// One more scan; what the misses of a depth image mean is the session's setting where `misses` is not.
     AddScan {
-        /// The scan.
-        scan: Box<Scan>,
+        /// The scan, as it was read.
+        scan: Box<Loaded>,
         /// As given.
         misses: Option<Misses>,
         /// As given.
@@ -131,7 +132,7 @@ impl Ask {
     pub fn work(&self) -> usize {
         match self {
             Self::AddScan { scan, written, .. } => {
-                scan::work(scan) + written.as_ref().map_or(0, |w| w.bytes.len()) + SMALL
+                scan::work(&scan.scan) + written.as_ref().map_or(0, |w| w.bytes.len()) + SMALL
             }
             Self::NextView(_) => DECISION,
             _ => SMALL,

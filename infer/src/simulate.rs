@@ -1,10 +1,11 @@
 //! `--object`: the closed loop in the simulator, through the same session that a real cell uses.
 
 use crate::args::Args;
-use crate::load::{DEPTH_UNIT, PoseFile};
+use crate::load::PoseFile;
 use anyhow::{Context, Result, bail};
 use datagen::episode::ImageConfig;
 use datagen::{End, EpisodeConfig, Progress, RenderConfig, Scene, Stage};
+use formats::depth::MILLIMETRES;
 use formats::mesh::read_mesh;
 use geometry::sampling::poisson_disk_sample;
 use geometry::{Mesh, PinholeCamera, PointCloud, View, rng};
@@ -59,6 +60,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
     let settings = session.config();
     let seed = settings.seed;
     let samples = poisson_disk_sample(&mesh, SURFACE_SAMPLES, &mut rng::stream(seed, "infer/surface"));
+    let samples = samples.with_context(|| object.to_owned())?;
     let scene = Scene::new(mesh);
     let camera = &settings.camera;
     if camera.intrinsics.is_some() {
@@ -170,7 +172,7 @@ pub fn export_scans(directory: &Path, object: &str, outcome: &Outcome, camera: &
     }
     let pose = &outcome.poses[2];
     let image = directory.join("depth3.png");
-    formats::depth::write_depth(&image, &shot(pose), camera.width, camera.height, DEPTH_UNIT)?;
+    formats::depth::write_depth(&image, &shot(pose), camera.width, camera.height, MILLIMETRES)?;
     let pose_file = directory.join("depth3.json");
     let content = PoseFile {
         world_from_camera: Pose::from(pose).matrix,

@@ -49,12 +49,12 @@ pub struct Checkpoint<C> {
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     /// A file cannot be read or written.
-    #[error("{file}: {source}")]
+    #[error("{file}: {cause}")]
     Io {
         /// The file.
         file: String,
         /// The cause.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// `checkpoint.toml` is not what it should be.
     #[error("{file}: {reason}")]
@@ -109,7 +109,7 @@ pub fn save_with<N: Network>(
     info: &Checkpoint<N::Config>,
     more: &[(&str, &[u8])],
 ) -> Result<(), CheckpointError> {
-    let io = |file: &Path, source| CheckpointError::Io { file: file.display().to_string(), source };
+    let io = |file: &Path, source| CheckpointError::Io { file: file.display().to_string(), cause: source };
     let parent = match directory.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
         _ => PathBuf::from("."),
@@ -156,7 +156,7 @@ pub fn load<N: Network>(directory: &Path, device: &Device) -> Result<(N, Checkpo
     let sums = Sums::read(directory)?;
     let info = read_description::<N::Config>(directory, &sums, Some(N::KIND))?;
     let file = directory.join(WEIGHTS);
-    let bytes = fs::read(&file).map_err(|e| CheckpointError::Io { file: file.display().to_string(), source: e })?;
+    let bytes = fs::read(&file).map_err(|e| CheckpointError::Io { file: file.display().to_string(), cause: e })?;
     sums.check(WEIGHTS, &bytes)?;
     let net = build::<N>(&info, &bytes, &directory.join(DESCRIPTION).display().to_string(), &file, device)?;
     Ok((net, info))
@@ -192,7 +192,7 @@ pub fn import_pytorch<N: Network>(file: &Path, config: &N::Config, device: &Devi
 
 /// Writes the weights alone, as a `.safetensors` that PyTorch's `load_state_dict(strict=True)` takes.
 pub fn export_pytorch<N: Network>(net: &N, file: &Path, precision: Precision) -> Result<(), CheckpointError> {
-    let io = |source| CheckpointError::Io { file: file.display().to_string(), source };
+    let io = |source| CheckpointError::Io { file: file.display().to_string(), cause: source };
     let bytes = published::to_safetensors(net, precision)?;
     let parent = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(io)?;
@@ -255,7 +255,7 @@ fn read_description<C: DeserializeOwned>(
 ) -> Result<Checkpoint<C>, CheckpointError> {
     let file = directory.join(DESCRIPTION);
     let name = file.display().to_string();
-    let bytes = fs::read(&file).map_err(|source| CheckpointError::Io { file: name.clone(), source })?;
+    let bytes = fs::read(&file).map_err(|cause| CheckpointError::Io { file: name.clone(), cause })?;
     sums.check(DESCRIPTION, &bytes)?;
     parse_description(&String::from_utf8_lossy(&bytes), &name, kind)
 }

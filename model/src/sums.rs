@@ -41,7 +41,7 @@ impl Sums {
                 }
                 return Ok(sums);
             }
-            Err(source) => return Err(CheckpointError::Io { file: file.display().to_string(), source }),
+            Err(cause) => return Err(CheckpointError::Io { file: file.display().to_string(), cause }),
         };
         let text = String::from_utf8_lossy(&bytes);
         let lines = text.lines().map(|line| {

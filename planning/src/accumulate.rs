@@ -60,7 +60,7 @@ pub fn thinned(points: &[Point3<f64>], grid_size: f64, max_points: usize, seed: 
     }
     let left: Vec<Point3<f64>> = kept.iter().map(|&i| points[i]).collect();
     let spacing = thin::spacing_of_all(&left, max_points, seed);
-    thin::thin(points, thin::radius_for(&left, max_points, spacing, seed).max(least))
+    thin::thin_to(points, thin::radius_for(&left, max_points, spacing, seed).max(least), max_points, seed).indices
 }
 
 /// Surface samples averaged like the cloud: what coverage is a share of.

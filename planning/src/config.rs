@@ -38,7 +38,8 @@ pub struct SessionConfig {
     pub max_points: usize,
     /// A scan with fewer usable points is refused.
     pub min_points: usize,
-    /// Points farther from their neighbours than this many times the usual are dropped; 0 keeps all.
+    /// Points farther from their neighbours than this many times the usual are dropped, unless they lie on a surface that is
+    /// sampled more sparsely; 0 keeps all.
     pub outlier_factor: f64,
     /// Stop when the best view is expected to add less than this share of the whole surface; 0 never stops.
     pub stop_below: f64,

@@ -37,6 +37,7 @@ pub mod estimate;
 #[allow(dead_code)]
 #[path = "../../geometry/src/golden.rs"]
 mod golden;
+mod normals;
 pub mod overlap;
 pub mod planner;
 pub mod planners;
@@ -61,7 +62,7 @@ pub use planners::farthest::FarthestPlanner;
 pub use planners::volumetric::{
     Allowed, Forecasts, Hole, Surface, Unseen, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace,
 };
-pub use scan::{Scan, ScanReport};
+pub use scan::{Reading, Scan, ScanReport};
 pub use session::{Session, SessionError};
 pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};
 pub use stop::{Missing, Stop};

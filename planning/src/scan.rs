@@ -4,11 +4,12 @@ use crate::accumulate::Accumulate;
 use crate::config::SessionConfig;
 use crate::doubt::{self, PositionDoubt};
 use crate::estimate::estimated_scans;
+use crate::normals;
 use crate::thin;
 use crate::{Budget, CameraPose, Misses, PastScan, Seen, Stopped};
 use geometry::{
-    BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, estimate_normals,
-    mean_spacing, mean_spacing_among, normals_of, orient_normals_along, orient_normals_among, orient_normals_toward,
+    BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, mean_spacing,
+    mean_spacing_among, orient_normals_along, orient_normals_among, orient_normals_toward,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
@@ -68,6 +69,15 @@ impl Scan {
     }
 }
 
+/// How a scan was read, where it was a file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reading {
+    /// What the user should know: what was guessed, what was left out.
+    pub notes: Vec<String>,
+    /// Metres per unit of its numbers; `None` where that is not known.
+    pub metres_per_unit: Option<f64>,
+}
+
 /// What became of a scan's points.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ScanReport {
@@ -82,8 +92,20 @@ pub struct ScanReport {
     pub outside_region: usize,
     /// Dropped as far from all others.
     pub outliers: usize,
-    /// Dropped as duplicates or by thinning.
+    /// Dropped as equal to another.
+    #[serde(default)]
+    pub duplicates: usize,
+    /// Dropped by thinning.
     pub thinned: usize,
+    /// Normals that were missing and were estimated.
+    #[serde(default)]
+    pub normals_estimated: usize,
+    /// Normals that pointed away from the camera and were turned.
+    #[serde(default)]
+    pub normals_turned: usize,
+    /// Whether the normals given were ignored: too few, or not standing on the surface.
+    #[serde(default)]
+    pub normals_ignored: bool,
     /// Used for planning.
     pub used: usize,
 }
@@ -96,6 +118,7 @@ impl ScanReport {
             (self.not_finite, "without a position"),
             (self.out_of_range, "farther away than a million metres"),
             (self.outside_region, "outside the region"),
+            (self.duplicates, "given twice"),
             (self.thinned, "thinned out"),
             (self.outliers, "outliers dropped"),
         ];
@@ -120,6 +143,7 @@ pub(crate) struct PreparedScan {
     /// Why the camera position that came with it was not believed.
     pub doubt: Option<PositionDoubt>,
     pub report: ScanReport,
+    pub reading: Reading,
 }
 
 impl PreparedScan {
@@ -152,11 +176,7 @@ pub(crate) fn prepare(
         }
     };
     let mut report = ScanReport { read: raw.len(), ..Default::default() };
-    let has_normals = raw.has_normals() && raw.normals.iter().any(|n| n.norm_squared() > 0.0);
-    let finite = |i: &usize| {
-        raw.points[*i].iter().all(|x| x.abs() <= FARTHEST_M)
-            && (!has_normals || raw.normals[*i].iter().all(|x| x.is_finite()))
-    };
+    let finite = |i: &usize| raw.points[*i].iter().all(|x| x.abs() <= FARTHEST_M);
     let mut kept: Vec<usize> = (0..raw.len()).filter(finite).collect();
     let far = |p: &&Point3<f64>| p.iter().all(|x| x.is_finite()) && p.coords.amax() > FARTHEST_M;
     report.out_of_range = raw.points.iter().filter(far).count();
@@ -178,13 +198,15 @@ pub(crate) fn prepare(
     let spacing_of_all = if too_many { thin::spacing_of_all(&all.points, config.max_points, config.seed) } else { 0.0 };
     in_time()?;
     let radius = thin::radius_for(&all.points, config.max_points, spacing_of_all, config.seed);
-    let mut cloud = thin::select(&all, &thin::thin(&all.points, radius));
-    report.thinned = all.len() - cloud.len();
+    let kept = thin::thin_to(&all.points, radius, config.max_points, config.seed);
+    let mut cloud = thin::select(&all, &kept.indices);
+    report.duplicates = kept.duplicates;
+    report.thinned = all.len() - cloud.len() - kept.duplicates;
     in_time()?;
     let mut near = None;
     if config.outlier_factor > 0.0 {
         let found = neighborhoods(&cloud.points);
-        let inliers = thin::without_outliers(&found, config.outlier_factor);
+        let inliers = thin::without_outliers(&cloud.points, &found, config.outlier_factor);
         report.outliers = cloud.len() - inliers.len();
         near = Some(found);
         if report.outliers > 0 {
@@ -201,20 +223,19 @@ pub(crate) fn prepare(
         Scan::Depth { world_from_camera, .. } => Some(world_from_camera * Vector3::z()),
         Scan::Cloud { .. } => None,
     };
-    let mut oriented = has_normals;
-    if !has_normals {
-        cloud.normals = match &near {
-            Some(near) => normals_of(&cloud.points, near, NORMAL_NEIGHBORS),
-            None => estimate_normals(&cloud.points, NORMAL_NEIGHBORS),
-        };
-        if let (Accumulate::Matched, Some(forward)) = (config.accumulate, forward) {
-            orient_normals_along(&mut cloud, &-forward);
-            oriented = true;
-        } else if let Some(from) = scan.camera_position() {
-            orient_normals_toward(&mut cloud, &from);
-            oriented = true;
-        }
-    }
+    let settled = normals::settle(&mut cloud, near.as_ref());
+    (report.normals_ignored, report.normals_estimated) = (settled.ignored, settled.estimated);
+    // A known camera decides the sign, whatever a file says.
+    let unturned = settled.signed.then(|| cloud.normals.clone());
+    let mut oriented = if let (Accumulate::Matched, Some(forward)) = (config.accumulate, forward) {
+        orient_normals_along(&mut cloud, &-forward);
+        true
+    } else if let Some(from) = scan.camera_position() {
+        orient_normals_toward(&mut cloud, &from);
+        true
+    } else {
+        settled.signed
+    };
     in_time()?;
     let spacing = match &near {
         Some(near) => mean_spacing_among(&cloud.points, near),
@@ -225,8 +246,15 @@ pub(crate) fn prepare(
         Scan::Cloud { from: Some(from), .. } => doubt::of_position(&cloud, &all.points, from, distance, spacing),
         _ => None,
     };
-    // What is contradicted is not known; nor are normals that were turned there.
-    oriented &= has_normals || doubt.is_none();
+    if let Some(unturned) = unturned {
+        match doubt {
+            // What is contradicted is not known: the file's own signs again.
+            Some(_) => cloud.normals = unturned,
+            None => report.normals_turned = unturned.iter().zip(&cloud.normals).filter(|(a, b)| a != b).count(),
+        }
+    } else {
+        oriented &= doubt.is_none();
+    }
     let mut past: Vec<PastScan> = match &doubt {
         Some(_) => Vec::new(),
         None => past_scan(scan, &cloud.points).into_iter().collect(),
@@ -241,8 +269,8 @@ pub(crate) fn prepare(
         past = estimated_scans(&mut cloud, &measured, distance, spacing);
     }
     let past = past.into_iter().map(Arc::new).collect();
-    let measured_spacing = if radius > 0.0 { spacing_of_all.min(spacing) } else { spacing };
-    Ok((PreparedScan { past, cloud, spacing, measured_spacing, doubt, report }, near))
+    let measured_spacing = if report.thinned > 0 { spacing_of_all.min(spacing) } else { spacing };
+    Ok((PreparedScan { past, cloud, spacing, measured_spacing, doubt, report, reading: Reading::default() }, near))
 }
 
 /// What a planner may know of a scan with these points; `None` where the camera is unknown.

@@ -15,7 +15,7 @@ use crate::constraints::{Objection, Surroundings, count_exclusions};
 use crate::doubt::Offset;
 use crate::planners::auto::{AutoPlanner, Network};
 use crate::pose::{Pose, world_from_camera};
-use crate::scan::{PreparedScan, Refusal, Scan, ScanReport, prepare};
+use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
 use crate::{Accumulate, Budget, Evidence, Planner, ScanState};
 use crate::{accumulate, overlap, thin};
@@ -127,20 +127,23 @@ impl Session {
     /// # Errors
     /// Too few usable points: the session stays as it was.
     pub fn add_scan(&mut self, scan: Scan) -> Result<ScanReport, SessionError> {
-        self.add_scan_within(scan, &Budget::default())
+        self.add_scan_within(scan, Reading::default(), &Budget::default())
     }
 
-    /// [`Session::add_scan`] in limited time.
+    /// [`Session::add_scan`] in limited time, of a scan that was a file: what there is to say of that stands in the answers.
     ///
     /// # Errors
     /// As [`Session::add_scan`], or it takes too long.
-    pub fn add_scan_within(&mut self, scan: Scan, budget: &Budget) -> Result<ScanReport, SessionError> {
+    pub fn add_scan_within(
+        &mut self,
+        scan: Scan,
+        reading: Reading,
+        budget: &Budget,
+    ) -> Result<ScanReport, SessionError> {
         let least = self.config.min_points;
-        let (prepared, near) = prepare(scan, &self.config, budget).map_err(|refusal| match refusal {
-            Refusal::TooFew(report) => SessionError::TooFewPoints { report, least },
-            Refusal::TooSmall(across_m) => SessionError::TooSmall { across_m },
-            Refusal::Stopped(stopped) => SessionError::Stopped(stopped),
-        })?;
+        let refused = |refusal| SessionError::refused(refusal, least, &reading);
+        let (mut prepared, near) = prepare(scan, &self.config, budget).map_err(refused)?;
+        prepared.reading = reading;
         let report = prepared.report.clone();
         self.scans.push(prepared);
         self.take_in(self.scans.len() - 1);

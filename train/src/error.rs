@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     /// The operating system refuses.
-    #[error("cannot {action} {path:?}: {source}")]
+    #[error("cannot {action} {path:?}: {cause}")]
     Io {
         /// What was tried.
         action: &'static str,
         /// The file.
         path: PathBuf,
         /// The system's reason.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A data or output file is unreadable or cannot be written.
     #[error(transparent)]
@@ -87,7 +87,7 @@ pub enum TrainError {
 impl TrainError {
     /// An error of the operating system.
     pub(crate) fn io(action: &'static str, path: &Path, source: std::io::Error) -> TrainError {
-        TrainError::Io { action, path: path.to_path_buf(), source }
+        TrainError::Io { action, path: path.to_path_buf(), cause: source }
     }
 
     /// A setting out of range.

@@ -1,14 +1,15 @@
 //! Any tree of meshes; the folder of a mesh is its category.
 
 use super::{DatasetError, Found, describe, entries, extension};
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
-/// Deeper trees are links that go in circles.
+/// No collection of meshes is deeper.
 const MAX_DEPTH: usize = 32;
 
 pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
     let mut found = vec![];
-    visit(root, root, 0, &mut found)?;
+    visit(root, root, 0, &mut BTreeSet::new(), &mut found)?;
     if found.is_empty() {
         return Err(DatasetError::Layout {
             name: "mesh",
@@ -22,11 +23,21 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
     Ok(found)
 }
 
-fn visit(root: &Path, directory: &Path, depth: usize, found: &mut Vec<Found>) -> Result<(), DatasetError> {
+/// Takes every directory once: links to one that was taken, be it on the way here, lead nowhere new.
+fn visit(
+    root: &Path,
+    directory: &Path,
+    depth: usize,
+    taken: &mut BTreeSet<PathBuf>,
+    found: &mut Vec<Found>,
+) -> Result<(), DatasetError> {
+    if !directory.canonicalize().is_ok_and(|place| taken.insert(place)) {
+        return Ok(());
+    }
     for path in entries(directory)? {
         if path.is_dir() {
             if depth < MAX_DEPTH {
-                visit(root, &path, depth + 1, found)?;
+                visit(root, &path, depth + 1, taken, found)?;
             }
         } else if formats::mesh::EXTENSIONS.contains(&extension(&path).as_str()) {
             let relative = path.strip_prefix(root).unwrap_or(&path);

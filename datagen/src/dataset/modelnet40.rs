@@ -8,7 +8,7 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
     for category in entries(root)? {
         for (half, choice) in [("train", SplitChoice::Train), ("test", SplitChoice::Test)] {
             for path in entries(&category.join(half))? {
-                if extension(&path) == "off" {
+                if extension(&path) == "off" && path.is_file() {
                     let category = file_name(&category);
                     found.push(Found {
                         name: format!("{category}/{}", stem(&path)),

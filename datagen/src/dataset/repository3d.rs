@@ -14,7 +14,7 @@ pub(super) fn find(root: &Path, choice: SplitChoice) -> Result<Vec<Found>, Datas
         return Err(DatasetError::Choice(text.to_owned()));
     }
     let mut found = vec![];
-    for path in entries(root)? {
+    for path in entries(root)?.into_iter().filter(|path| path.is_file()) {
         let name = OBJECTS.iter().find(|name| name.eq_ignore_ascii_case(&stem(&path)));
         let Some(name) = name.filter(|_| formats::mesh::EXTENSIONS.contains(&extension(&path).as_str())) else {
             continue;

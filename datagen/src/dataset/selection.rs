@@ -1,7 +1,7 @@
 //! Which of the models found are taken, and for what.
 
 use super::{DatasetConfig, DatasetError, Found, Object, SplitChoice, file_name, stem};
-use formats::{FormatError, Split};
+use formats::Split;
 use rand::Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -37,7 +37,8 @@ pub(super) fn select(
 
 /// The models that a file names, in its order.
 fn listed(list: &Path, root: &Path, found: Vec<Found>) -> Result<Vec<Found>, DatasetError> {
-    let text = std::fs::read_to_string(list).map_err(|e| FormatError::io(list, "read", e))?;
+    let bytes = formats::file::read(list)?;
+    let text = String::from_utf8_lossy(&bytes);
     // Every way to name a model; one that fits several fits none.
     let mut names = BTreeMap::<String, Option<usize>>::new();
     for (i, f) in found.iter().enumerate() {

@@ -165,3 +165,64 @@ fn validation_objects_are_set_aside_by_name() {
     let test = names(&DatasetConfig { split: Some(SplitChoice::Test), ..config });
     assert!(test.iter().all(|t| !train.contains(t)));
 }
+
+#[test]
+fn what_file_systems_leave_behind_is_no_object() {
+    let dir = tempfile::tempdir().unwrap();
+    let root = dir.path();
+    put(
+        root,
+        &[
+            "bed/train/bed_0001.off",
+            "bed/train/._bed_0001.off",
+            "bed/train/.bed_0002.off",
+            "__MACOSX/train/bed_0001.off",
+            "@eaDir/train/bed_0003.off",
+            ".Trash-1000/train/bed_0004.off",
+            "02691156/a/model.obj",
+            "02691156/._a/model.obj",
+            "bunny.obj",
+            "._teapot.obj",
+        ],
+    );
+    std::fs::create_dir(root.join("bed/train/folder.off")).unwrap();
+    let of = |name| names(&DatasetConfig { name, root: Some(root.into()), ..Default::default() });
+    assert_eq!(of(DatasetName::ModelNet40), ["bed/bed_0001"]);
+    assert_eq!(of(DatasetName::Repository3d), ["bunny"]);
+    assert_eq!(of(DatasetName::Folder), ["02691156/a/model", "bed/train/bed_0001", "bunny"]);
+    assert_eq!(of(DatasetName::ShapeNet), ["02691156/a"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn links_that_lead_nowhere_new_are_passed_over() {
+    use std::os::unix::fs::symlink;
+    let dir = tempfile::tempdir().unwrap();
+    let root = dir.path().join("set");
+    put(&root, &["a/x.off", "b/y.off"]);
+    let elsewhere = dir.path().join("elsewhere");
+    put(&elsewhere, &["z.off"]);
+    symlink("..", root.join("a/up")).unwrap();
+    symlink(&root, root.join("b/again")).unwrap();
+    symlink(&elsewhere, root.join("more")).unwrap();
+    symlink("nowhere", root.join("a/broken.off")).unwrap();
+    symlink("/dev/zero", root.join("a/endless.off")).unwrap();
+    symlink("x.off", root.join("a/same.off")).unwrap();
+    // Reading from a pipe that nobody writes to would never end.
+    let _ = std::process::Command::new("mkfifo").arg(root.join("a/pipe.off")).status();
+    let config = DatasetConfig { name: DatasetName::Folder, root: Some(root), ..Default::default() };
+    assert_eq!(names(&config), ["a/same", "a/x", "b/y", "more/z"]);
+    let list = dir.path().to_owned();
+    assert!(message(&DatasetConfig { list: Some(list), ..config }).contains("a directory"), "no list");
+}
+
+#[test]
+fn no_two_objects_share_a_name() {
+    let dir = tempfile::tempdir().unwrap();
+    put(dir.path(), &["dup.obj", "dup.OBJ", "Dup.off", "one.off"]);
+    let config = DatasetConfig { name: DatasetName::Folder, root: Some(dir.path().into()), ..Default::default() };
+    assert_eq!(names(&config), ["Dup.off", "dup.OBJ-1", "dup.obj-2", "one"]);
+    put(dir.path(), &["bed/train/b.off", "bed/train/b.OFF"]);
+    let config = DatasetConfig { name: DatasetName::ModelNet40, ..config };
+    assert_eq!(names(&config), ["bed/b.OFF-1", "bed/b.off-2"]);
+}

@@ -9,7 +9,7 @@ use formats::run::{atomic_write, remove_temporaries};
 use formats::shard::SCHEMA_VERSION;
 use formats::surface::{read_surface, write_surface};
 use formats::{Fate, FormatError, ObjectRecord, Sample, ShardMetadata, ShardReader, ShardWriter};
-use geometry::sampling::poisson_disk_sample;
+use geometry::sampling::{TooDense, poisson_disk_sample};
 use geometry::{Mesh, rng};
 use nalgebra::Point3;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -80,6 +80,8 @@ enum Unusable {
     #[error("the mesh has no area")]
     NoArea,
     #[error(transparent)]
+    Dense(#[from] TooDense),
+    #[error(transparent)]
     Void(#[from] EpisodeError),
     #[error("the first scan has no boundary: there is nothing to decide")]
     NoBoundary,
@@ -102,7 +104,10 @@ fn scan_object(
     if (high - low).norm() == 0.0 {
         return Ok(Err(Unusable::NoExtent));
     }
-    let samples = surface_samples(job, object, &mesh)?;
+    let samples = match surface_samples(job, object, &mesh)? {
+        Ok(samples) => samples,
+        Err(dense) => return Ok(Err(dense.into())),
+    };
     if samples.is_empty() {
         return Ok(Err(Unusable::NoArea));
     }
@@ -170,23 +175,26 @@ fn relative(out: &Path, path: &Path) -> String {
 }
 
 /// The reference surface, from beside the shards where it was sampled before. Rounded to f32 in either case.
-fn surface_samples(job: &Job, object: &Object, mesh: &Mesh) -> Result<Vec<Point3<f64>>, FormatError> {
+fn surface_samples(job: &Job, object: &Object, mesh: &Mesh) -> Result<Result<Vec<Point3<f64>>, TooDense>, FormatError> {
     let config = job.config;
     let path = job.out.join("surfaces").join(format!("{}-{}.safetensors", object.name, surface_key(config.seed, mesh)));
     if config.keep_surface_samples && path.exists() {
         match read_surface(&path) {
-            Ok(points) => return Ok(points),
+            Ok(points) => return Ok(Ok(points)),
             Err(error) => tracing::warn!("{error}; it is sampled anew"),
         }
     }
     let mut stream = rng::stream(config.seed, &format!("object/{}/surface", object.name));
-    let points = poisson_disk_sample(mesh, config.surface_samples, &mut stream);
+    let points = match poisson_disk_sample(mesh, config.surface_samples, &mut stream) {
+        Ok(points) => points,
+        Err(dense) => return Ok(Err(dense)),
+    };
     let points: Vec<_> = points.iter().map(|p| p.map(|x| f64::from(x as f32))).collect();
     if config.keep_surface_samples {
         remove_temporaries(&path);
         write_surface(&path, &points)?;
     }
-    Ok(points)
+    Ok(Ok(points))
 }
 
 /// Changes with the seed and the mesh: another mesh of the same name must not meet the old surface.

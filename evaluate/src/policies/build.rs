@@ -43,12 +43,12 @@ pub enum PolicyError {
     #[error(transparent)]
     Name(#[from] NameError),
     /// Weights of a network are missing or unfit.
-    #[error("{policy:?} needs weights: {source}")]
+    #[error("{policy:?} needs weights: {cause}")]
     Weights {
         /// Its name.
         policy: String,
         /// What is wrong.
-        source: WeightsError,
+        cause: WeightsError,
     },
     /// It needs more than recorded scans.
     #[error(
@@ -66,12 +66,12 @@ pub enum PolicyError {
         policy: String,
     },
     /// The learned forecasts are missing or unfit.
-    #[error("{policy:?} needs weights: {source}")]
+    #[error("{policy:?} needs weights: {cause}")]
     Forecasts {
         /// Its name.
         policy: String,
         /// What is wrong.
-        source: LearnedError,
+        cause: LearnedError,
     },
 }
 
@@ -138,11 +138,11 @@ fn candidates(policy: &Policy, config: &EvaluateConfig, count: usize) -> Result<
 
 fn learned(policy: &Policy, config: &EvaluateConfig) -> Result<Learned, PolicyError> {
     Learned::read(&config.weights.forecasts)
-        .map_err(|source| PolicyError::Forecasts { policy: policy.name().to_owned(), source })
+        .map_err(|source| PolicyError::Forecasts { policy: policy.name().to_owned(), cause: source })
 }
 
 fn unfit_weights(policy: &Policy, source: WeightsError) -> PolicyError {
-    PolicyError::Weights { policy: policy.name().to_owned(), source }
+    PolicyError::Weights { policy: policy.name().to_owned(), cause: source }
 }
 
 /// Makes a policy.

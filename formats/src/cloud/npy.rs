@@ -10,12 +10,14 @@ use std::path::Path;
 pub(crate) struct Array {
     pub(crate) shape: Vec<usize>,
     pub(crate) values: Vec<f64>,
-    /// Whether the file holds integers.
-    pub(crate) integer: bool,
+    /// The largest value of the file's type where it holds integers.
+    pub(crate) largest_integer: Option<f64>,
+    /// Bytes behind the numbers.
+    pub(crate) left: usize,
 }
 
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError> {
-    let Array { shape, values, .. } = read_array(path, bytes, "(N, 3), (N, 6), (H, W, 3) or (H, W, 6)")?;
+    let Array { shape, values, left, .. } = read_array(path, bytes, "(N, 3), (N, 6), (H, W, 3) or (H, W, 6)")?;
     let (size, columns) = match *shape {
         [_, columns @ (3 | 6)] => (None, columns),
         [height, width, columns @ (3 | 6)] => (Some((width, height)), columns),
@@ -25,11 +27,17 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError>
             return Err(FormatError::syntax(path, place, format!("{shape:?}"), expected));
         }
     };
-    let rows = values.chunks_exact(columns).map(|row| {
-        let normal = (columns == 6).then(|| [row[3], row[4], row[5]]);
+    let rows = || values.chunks_exact(columns);
+    let others: Vec<[f64; 3]> = rows().filter_map(|row| row.get(3..6)?.try_into().ok()).collect();
+    let with_normals = columns == 6 && super::are_normals(others.iter());
+    let points = rows().zip(0..).map(|(row, i): (_, usize)| {
+        let normal = with_normals.then(|| others[i]);
         ([row[0], row[1], row[2]], normal)
     });
-    CloudFile::gather(path, rows, size)
+    let file = CloudFile::gather(path, points, size)?;
+    let ignored = (columns == 6 && !with_normals).then(super::columns_ignored);
+    let left = (left > 0).then(|| format!("{left} bytes follow behind the array and were not read"));
+    Ok(file.with_notes(ignored.into_iter().chain(left)))
 }
 
 /// Reads an array of numbers.
@@ -107,7 +115,13 @@ pub(crate) fn read_array(path: &Path, bytes: &[u8], expected: &str) -> Result<Ar
     // A dimension of zero lets the others be anything.
     let shape: Vec<usize> = if count == 0 { vec![0; shape.len()] } else { shape.iter().map(|&d| d as usize).collect() };
     let values = if column_major { to_row_major(&shape, &values) } else { values };
-    Ok(Array { shape, values, integer: !kind.starts_with('f') })
+    let bits = (8 * width) as i32;
+    let largest_integer = match kind.as_bytes()[0] {
+        b'u' => Some(2f64.powi(bits) - 1.0),
+        b'i' => Some(2f64.powi(bits - 1) - 1.0),
+        _ => None,
+    };
+    Ok(Array { shape, values, largest_integer, left: data.len() - count as usize * width })
 }
 
 /// What follows `'key':` in the header, a Python dictionary.
@@ -162,7 +176,14 @@ mod tests {
         assert_eq!(file.cloud.points[1].coords, nalgebra::Vector3::new(1.0, 3.0, 5.0));
         let big: Vec<u8> = (0..6).flat_map(|i| (i as f32).to_be_bytes()).collect();
         let file = parse(path, &npy(">f4", false, "(1, 6)", &big)).unwrap();
-        assert_eq!(file.cloud.normals[0], nalgebra::Vector3::new(3.0, 4.0, 5.0));
+        assert_eq!((file.cloud.len(), file.cloud.has_normals(), file.notes.len()), (1, false, 1), "3 4 5 is no normal");
+        let with: Vec<u8> =
+            [0, 1, 2, 0, 0, 1, 3, 4, 5, 0, -1, 0].iter().flat_map(|&i| (i as f32).to_be_bytes()).collect();
+        let file = parse(path, &npy(">f4", false, "(2, 6)", &with)).unwrap();
+        assert_eq!((file.cloud.normals[1], file.notes.len()), (-nalgebra::Vector3::y(), 0));
+        let trailed = [f64s.clone(), vec![0; 24]].concat();
+        let file = parse(path, &npy("<f8", false, "(2, 3)", &trailed)).unwrap();
+        assert!(file.notes[0].contains("24 bytes"), "{:?}", file.notes);
         let file = parse(path, &npy("<f8", false, "(2, 1, 3)", &f64s)).unwrap();
         assert_eq!(file.grid, Some(super::super::Grid { width: 1, height: 2, pixels: vec![0, 1] }));
     }

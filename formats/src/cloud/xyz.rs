@@ -1,90 +1,213 @@
-//! Text clouds: one point per line, numbers apart by blanks, commas or semicolons. No crate reads them.
+//! Text clouds: one point per line, numbers apart by blanks, tabulators, commas or semicolons. No crate reads them.
 
 use super::CloudFile;
+use super::columns::{Columns, cells, names};
 use crate::FormatError;
 use crate::error::Place;
+use crate::text;
 use std::path::Path;
 
-/// Three columns are positions; columns four to six are normals where all of them have unit length (within
-/// 5 %), else colours or intensities, which are ignored as all further ones are. `#` and `//` begin comments; one
-/// line of words may stand above the numbers, and one with a lone count.
+/// Columns go by the names above them, in a comment or not; without names, the first three are positions, and columns four to
+/// six normals where all of them have unit length, else colours or intensities, which are ignored as all further ones are.
+/// `#` and `//` begin comments; one line of words may stand above the numbers, and one with a lone count.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError> {
-    let text = String::from_utf8_lossy(bytes);
-    let mut rows: Vec<([f64; 3], [f64; 3])> = vec![];
-    let mut six = true;
-    let mut header_seen = false;
-    for (index, line) in text.lines().enumerate() {
-        let content = line.split(['#']).next().unwrap_or("").split("//").next().unwrap_or("");
-        let mut numbers = [0.0; 6];
-        let mut count = 0;
-        let mut wrong = None;
-        for word in content.split([' ', '\t', ',', ';', '\r', '\u{feff}']).filter(|w| !w.is_empty()) {
-            match word.parse::<f64>() {
-                Ok(number) if count < 6 => numbers[count] = number,
-                Ok(_) => {}
-                Err(_) if count < 3 => {
-                    wrong = Some(word);
-                    break;
-                }
-                Err(_) => break, // a label behind the position
+    let text = text::decode(bytes);
+    let mut head = Head::default();
+    let mut table =
+        Table { path, columns: Columns::by_place(), named_in: 0, commas: None, numbers: None, rows: vec![] };
+    for (number, line) in text::lines(&text) {
+        let content = text::without_comment(line).split("//").next().unwrap_or("").trim_matches('\u{feff}');
+        if !table.rows.is_empty() {
+            if !content.trim().is_empty() {
+                table.push(number, content)?;
             }
-            count += 1;
-        }
-        if count == 0 && wrong.is_none() {
-            continue;
-        }
-        if count < 3 {
-            if rows.is_empty() && !header_seen && (wrong.is_some() || count == 1) {
-                header_seen = true;
-                continue;
+        } else if content.trim().is_empty() {
+            head.take_comment(number, line);
+        } else if !head.takes(path, number, content)? {
+            if let Some((line, columns)) = head.columns_of(path, content)? {
+                (table.named_in, table.columns) = (line, columns);
             }
-            let found = wrong.map_or_else(|| format!("{count} numbers"), |w| format!("{w:?}"));
-            return Err(FormatError::syntax(path, Place::Line(index + 1), found, "three coordinates"));
+            table.push(number, content)?;
         }
-        let [x, y, z, a, b, c] = numbers;
-        let unit = ((a * a + b * b + c * c).sqrt() - 1.0).abs() < 0.05;
-        six &= count >= 6 && (unit || !(x + y + z).is_finite());
-        rows.push(([x, y, z], [a, b, c]));
     }
-    CloudFile::gather(path, rows.into_iter().map(|(p, n)| (p, six.then_some(n))), None)
+    table.finish(head)
+}
+
+/// The lines above the points.
+#[derive(Default)]
+struct Head {
+    /// Names of columns, with their line.
+    columns: Option<(usize, Columns)>,
+    /// The same in a comment: a guess.
+    comment: Option<(usize, Columns)>,
+    /// A line of words that names no positions.
+    title: Option<(usize, String)>,
+    /// A lone number.
+    count: Option<u64>,
+}
+
+impl Head {
+    fn take_comment(&mut self, number: usize, line: &str) {
+        let names = names(line.trim_matches(|c: char| c.is_whitespace() || "#/".contains(c)));
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        if let Ok(Some(columns)) = Columns::named(&names) {
+            self.comment = Some((number, columns));
+        }
+    }
+
+    /// Whether a line still stands above the points.
+    fn takes(&mut self, path: &Path, number: usize, content: &str) -> Result<bool, FormatError> {
+        let cells = cells(content, true);
+        let is_number = |cell: &&str| cell.is_empty() || decimal(cell).is_some();
+        if let ([count], None) = (&cells[..], self.count) {
+            self.count = count.parse().ok();
+            return Ok(self.count.is_some());
+        }
+        if cells.iter().take(3).all(is_number) || self.columns.is_some() || self.title.is_some() {
+            return Ok(false);
+        }
+        let names = names(content);
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let refuse =
+            |found: String| FormatError::syntax(path, Place::Line(number), found, "every column once, in one unit");
+        match Columns::named(&names).map_err(refuse)? {
+            Some(columns) => self.columns = Some((number, columns)),
+            None => self.title = Some((number, content.trim().to_owned())),
+        }
+        Ok(true)
+    }
+
+    /// The names of the columns above the first point; those in a comment only where there are as many. As many others, with
+    /// marks between them, say that the columns are no positions.
+    fn columns_of(&self, path: &Path, content: &str) -> Result<Option<(usize, Columns)>, FormatError> {
+        let count = cells(content, commas_part(content)).iter().rposition(|c| !c.is_empty()).map_or(0, |last| last + 1);
+        match &self.title {
+            Some((line, title)) if title.contains([',', ';', '\t']) && names(title).len() == count => {
+                let expected = "x, y and z, or easting, northing and height, among the names of the columns";
+                Err(FormatError::syntax(path, Place::Line(*line), format!("{title:?}"), expected))
+            }
+            _ => Ok(self.columns.clone().or_else(|| self.comment.clone().filter(|(_, c)| c.count == count))),
+        }
+    }
+}
+
+struct Table<'a> {
+    path: &'a Path,
+    columns: Columns,
+    /// Line of the columns' names; 0 without.
+    named_in: usize,
+    /// Whether commas part cells (else they are decimal marks); unknown before the first line with one.
+    commas: Option<bool>,
+    /// Numbers per line where no names say it.
+    numbers: Option<usize>,
+    /// Positions, and what may be normals.
+    rows: Vec<([f64; 3], Option<[f64; 3]>)>,
+}
+
+impl Table<'_> {
+    fn push(&mut self, line: usize, content: &str) -> Result<(), FormatError> {
+        let refuse = |found: String, expected: &str| FormatError::syntax(self.path, Place::Line(line), found, expected);
+        if content.contains(',') {
+            if let Some(word) = content.split_whitespace().find(|word| has_thousands(word)) {
+                return Err(refuse(format!("{word:?}"), "numbers without marks between thousands"));
+            }
+            self.commas.get_or_insert_with(|| commas_part(content));
+        }
+        let mut cells = cells(content, self.commas.unwrap_or(true));
+        while self.named_in > 0 && cells.len() > self.columns.count && cells.last() == Some(&"") {
+            cells.pop();
+        }
+        let numbers = cells.iter().take_while(|cell| decimal(cell).is_some()).count();
+        if self.named_in > 0 {
+            if cells.len() != self.columns.count {
+                let expected = format!("{}, as line {} names columns", self.columns.count, self.named_in);
+                return Err(refuse(format!("{} values", cells.len()), &expected));
+            }
+        } else if numbers >= 3 && numbers != *self.numbers.get_or_insert(numbers) {
+            let expected = format!("{}, as in the lines before", self.numbers.unwrap_or_default());
+            return Err(refuse(format!("{numbers} numbers"), &expected));
+        }
+        let coordinate = |i: usize| match cells.get(i).copied() {
+            None => Err(refuse(format!("{} numbers", cells.len()), "three coordinates")),
+            Some("") => Err(refuse(format!("an empty cell in column {}", i + 1), "a coordinate")),
+            Some(cell) if self.commas == Some(true) && is_padded(cell) => {
+                let expected = "numbers with decimal points, since commas part columns here (or semicolons or blanks \
+                                between numbers with decimal commas)";
+                Err(refuse(format!("{cell:?}"), expected))
+            }
+            Some(cell) => decimal(cell).ok_or_else(|| refuse(format!("{cell:?}"), "three coordinates")),
+        };
+        let [x, y, z] = self.columns.position;
+        let position = [coordinate(x)?, coordinate(y)?, coordinate(z)?];
+        let three = |at: [usize; 3]| {
+            let [a, b, c] = at.map(|i| decimal(cells.get(i)?));
+            Some([a?, b?, c?])
+        };
+        let other = match self.columns.normal {
+            // By name: an empty cell or a word is a normal that is missing.
+            Some(at) => Some(three(at).unwrap_or([f64::NAN; 3])),
+            None if self.named_in == 0 => three([3, 4, 5]),
+            None => None,
+        };
+        self.rows.push((position, other));
+        Ok(())
+    }
+
+    fn finish(self, head: Head) -> Result<CloudFile, FormatError> {
+        let mut notes = vec![];
+        let six = !self.rows.is_empty() && self.rows.iter().all(|(_, other)| other.is_some());
+        let normals =
+            six && (self.named_in > 0 || super::are_normals(self.rows.iter().filter_map(|(_, n)| n.as_ref())));
+        if six && !normals {
+            notes.push(super::columns_ignored());
+        }
+        if let Some((line, title)) = head.title {
+            notes.push(format!("line {line}, {title:?}, names no x, y and z: the first three columns were taken"));
+        }
+        if self.commas == Some(false) {
+            notes.push("commas were read as decimal marks".to_owned());
+        }
+        let read = self.rows.len() as u64;
+        if let Some(count) = head.count.filter(|&count| count != read) {
+            notes.push(format!("a line above the points says {count}, {read} are there: all were read"));
+        }
+        let rows = self.rows.into_iter().map(|(position, other)| (position, other.filter(|_| normals)));
+        let mut file = CloudFile::gather(self.path, rows, None)?.with_notes(notes);
+        file.metres_per_unit = self.columns.metres_per_unit;
+        Ok(file)
+    }
+}
+
+/// A number with a decimal point or one decimal comma.
+fn decimal(cell: &str) -> Option<f64> {
+    match cell.matches(',').count() {
+        0 => text::number(cell),
+        1 if !cell.contains('.') => text::number(&cell.replace(',', ".")),
+        _ => None,
+    }
+}
+
+/// Digits behind a zero: the part of a number behind its decimal comma.
+fn is_padded(cell: &str) -> bool {
+    let digits = cell.trim_start_matches(['+', '-']);
+    digits.len() > 1 && digits.starts_with('0') && digits.bytes().all(|b| b.is_ascii_digit())
+}
+
+/// `1,234.5` and `1.234,5`.
+fn has_thousands(word: &str) -> bool {
+    let digits = word.trim_start_matches(['+', '-']);
+    let marks: Vec<&str> = digits.split([',', '.']).collect();
+    let groups = marks.len() == 3 && (1..=3).contains(&marks[0].len()) && marks[1].len() == 3;
+    let numbers = marks.iter().all(|m| !m.is_empty() && m.bytes().all(|b| b.is_ascii_digit()));
+    groups && numbers && digits.contains(',') && digits.contains('.')
+}
+
+/// Whether the commas of a line part cells; else they are decimal marks, of three numbers that other things part.
+fn commas_part(line: &str) -> bool {
+    let words = cells(line, false);
+    let whole = |word: &&str| !word.starts_with(',') && !word.ends_with(',') && decimal(word).is_some();
+    words.len() < 3 || !words.iter().take(3).all(whole)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn read(text: &str) -> Result<CloudFile, FormatError> {
-        parse(Path::new("a.xyz"), text.as_bytes())
-    }
-
-    #[test]
-    fn columns_and_separators() {
-        for text in [
-            "1 2 3\n4 5 6",
-            "x,y,z\n1,2,3\n4,5,6\n",
-            "2\n\n1\t2;3 # c\n// c\n4 5 6 label",
-            "1 2 3 255 0 0\r\n4 5 6 9 9 9\r\n",
-        ] {
-            let file = read(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));
-            assert_eq!((file.cloud.len(), file.cloud.has_normals()), (2, false), "{text:?}");
-            assert_eq!(file.cloud.points[1].z, 6.0, "{text:?}");
-        }
-        let file = read("1 2 3 0 0 1\nnan nan nan nan nan nan\n4 5 6 0.6 0.8 0").unwrap();
-        assert_eq!((file.cloud.len(), file.cloud.normals.len(), file.dropped), (2, 2, 1));
-        assert_eq!(
-            read("5600000.25 1 1").unwrap().cloud.points[0].x,
-            5_600_000.25,
-            "survey coordinates keep their digits"
-        );
-    }
-
-    #[test]
-    fn errors_name_line_found_and_expected() {
-        let text = |t: &str| read(t).expect_err(t).to_string();
-        assert!(text("1 2 3\n4 five 6").contains("line 2: found \"five\", expected three coordinates"));
-        assert!(text("1 2 3\n4 5").contains("line 2: found 2 numbers"));
-        assert!(text("a b c\nd e f").contains("line 2"));
-        assert!(text("").contains("found 0 points"));
-        assert!(text("nan nan nan").contains("found 1 points, none with finite"));
-    }
-}
+mod tests;

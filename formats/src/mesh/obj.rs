@@ -5,6 +5,7 @@
 use super::{CornerData, MeshBuilder};
 use crate::FormatError;
 use crate::error::Place;
+use crate::text;
 use geometry::Mesh;
 use std::path::Path;
 
@@ -16,16 +17,16 @@ struct Indices {
 }
 
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = text::decode(bytes);
     let mut positions: Vec<[f64; 3]> = vec![];
     let mut normals: Vec<[f64; 3]> = vec![];
     let mut corners: Vec<Indices> = vec![];
     let mut faces: Vec<(usize, usize)> = vec![]; // line, end in `corners`
     let mut joined = String::new();
     let mut num_faces = 0usize;
-    for (index, line) in text.lines().enumerate() {
-        let place = || Place::Line(index + 1);
-        let content = line.split('#').next().unwrap_or("").trim_end();
+    for (number, line) in text::lines(&text) {
+        let place = || Place::Line(number);
+        let content = text::without_comment(line).trim_end();
         if let Some(part) = content.strip_suffix('\\') {
             joined.push_str(part);
             joined.push(' ');
@@ -55,7 +56,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
                 num_faces += 1;
                 match corners.len() - start {
                     0..=2 => corners.truncate(start), // a point or a line
-                    _ => faces.push((index + 1, corners.len())),
+                    _ => faces.push((number, corners.len())),
                 }
             }
             _ => {}
@@ -65,31 +66,28 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     let mut builder = MeshBuilder::default();
     let mut polygon: Vec<CornerData> = vec![];
     let mut start = 0;
+    let mut missing = None;
     for (line, end) in faces {
         polygon.clear();
         for indices in &corners[start..end] {
-            let find = |list: &[[f64; 3]], index: i64, what: &'static str| {
-                usize::try_from(index).ok().and_then(|i| list.get(i).copied()).ok_or_else(|| match what {
-                    "vertex" => FormatError::Index {
-                        path: path.to_owned(),
-                        place: Place::Line(line),
-                        found: index.saturating_add(1),
-                        vertices: list.len(),
-                    },
-                    _ => FormatError::syntax(
-                        path,
-                        Place::Line(line),
-                        format!("normal {}", index.saturating_add(1)),
-                        format!("one of {} normals", list.len()),
-                    ),
-                })
-            };
-            let position = find(&positions, indices.position, "vertex")?;
-            let normal = indices.normal.map(|n| find(&normals, n, "normal")).transpose()?;
+            let find = |list: &[[f64; 3]], index: i64| usize::try_from(index).ok().and_then(|i| list.get(i).copied());
+            let position = find(&positions, indices.position).ok_or_else(|| FormatError::Index {
+                path: path.to_owned(),
+                place: Place::Line(line),
+                found: indices.position.saturating_add(1),
+                vertices: positions.len(),
+            })?;
+            let normal = indices.normal.and_then(|n| find(&normals, n));
+            missing = missing.or((normal.is_none() && indices.normal.is_some()).then_some(line));
             polygon.push((position, normal));
         }
         start = end;
-        builder.push_polygon(&polygon);
+        builder.push_polygon(&polygon, path, || Place::Line(line))?;
+    }
+    if let Some(line) = missing {
+        builder
+            .notes
+            .push(format!("line {line} and others name normals that the file does not have; they are left out"));
     }
     builder.finish(path, || format!("{} vertices and {num_faces} faces", positions.len()))
 }
@@ -103,7 +101,7 @@ fn vector<'a>(
     let mut values = [0.0; 3];
     for value in &mut values {
         let word = words.next().ok_or_else(|| FormatError::syntax(path, place(), "too few numbers", expected))?;
-        *value = word.parse().map_err(|_| FormatError::syntax(path, place(), format!("{word:?}"), expected))?;
+        *value = text::number(word).ok_or_else(|| FormatError::syntax(path, place(), format!("{word:?}"), expected))?;
     }
     Ok(values)
 }
@@ -127,7 +125,11 @@ fn parse_corner(word: &str, num_positions: usize, num_normals: usize) -> Result<
     }
     let normal = match parts.next() {
         None | Some("") => None,
-        Some(text) => Some(absolute(text, num_normals).map_err(|_| None)?),
+        // One before the first is missing like one behind the last.
+        Some(text) => match absolute(text, num_normals) {
+            Err(Some(before)) => Some(before),
+            found => Some(found.map_err(|_| None)?),
+        },
     };
     if parts.next().is_some() {
         return Err(None);
@@ -155,14 +157,30 @@ mod tests {
     }
 
     #[test]
+    fn normals_that_are_not_there_leave_the_surface() {
+        let triangle = "v 0 0 0\nv 2 0 0\nv 0 2 0\n";
+        for faces in ["f 1//1 2//2 3//3", "vn 0 0 1\nf 1//1 2//6148914691236517207 3//1", "f 1//-4 2//-4 3//-4"] {
+            let mesh = read(&format!("{triangle}{faces}")).unwrap_or_else(|e| panic!("{faces}: {e}"));
+            assert_eq!((mesh.vertices.len(), mesh.area()), (3, 2.0), "{faces}");
+        }
+    }
+
+    #[test]
+    fn marks_and_line_ends_of_any_system() {
+        let text = "# made by hand\nv 0 0 0\nv 2 0 0\nv 0 2 0\nf 1 2 3\n";
+        for bytes in [text.replace('\n', "\r"), text.replace('\n', "\r\n"), format!("\u{feff}{}", &text[15..])] {
+            assert_eq!(read(&bytes).unwrap().area(), 2.0, "{bytes:?}");
+        }
+    }
+
+    #[test]
     fn errors_name_line_found_and_expected() {
         let text = |t: &str| read(t).expect_err(t).to_string();
         assert!(text("v 1 2\n").contains("line 1: found too few numbers, expected three coordinates"));
         assert!(text("v 1 2 3\nf 1 2 3").contains("line 2: found vertex index 2, expected one of 1"));
         assert!(text("v 1 2 3\nf 0 1 1").contains("line 2: found \"0\""));
         assert!(text("v 1 2 3\nf -2 1 1").contains("vertex index -2"));
-        assert!(text("v 1 2 3\nf 1//4 1 1").contains("found normal 4, expected one of 0"));
-        assert!(text("v 1 2 3\nf 1//6148914691236517207 1 1").contains("normal"));
+        assert!(text("v 1 2 3\nf 1//x 1 1").contains("line 2: found \"1//x\""));
         assert!(text("v 1 2 3\nf 1/2/3/4 1 1").contains("corner"));
         assert!(text("# nothing").contains("found 0 vertices and 0 faces"));
         assert!(text("v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3").contains("without area"));

@@ -3,12 +3,13 @@
 use super::MeshBuilder;
 use crate::FormatError;
 use crate::error::Place;
+use crate::text;
 use geometry::Mesh;
 use std::path::Path;
 
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
-    let text = String::from_utf8_lossy(bytes);
-    let mut lines = Lines { path, lines: text.lines().enumerate(), line: 0, tokens: vec![] };
+    let text = text::decode(bytes);
+    let mut lines = Lines { path, lines: Box::new(text::lines(&text)), line: 0, tokens: vec![] };
 
     let Some(first) = lines.next_line() else {
         return Err(FormatError::Empty { path: path.to_owned(), found: "no text".into(), expected: "an OFF header" });
@@ -39,7 +40,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     for _ in 0..num_vertices {
         lines.tokens.clear();
         lines.fill(3, "three coordinates")?;
-        let at = |k| lines.number(k, "a coordinate");
+        let at = |k| lines.coordinate(k);
         vertices.push([at(0)?, at(1)?, at(2)?]);
     }
     let mut builder = MeshBuilder::default();
@@ -71,7 +72,15 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
             })?;
             corners.push((*vertex, None));
         }
-        builder.push_polygon(&corners);
+        let line = lines.line;
+        builder.push_polygon(&corners, path, || Place::Line(line))?;
+    }
+    let mut left = 0;
+    while lines.next_line().is_some() {
+        left += 1;
+    }
+    if left > 0 {
+        builder.notes.push(format!("{left} lines follow behind the {num_faces} faces declared and were not read"));
     }
     builder.finish(path, || format!("{num_vertices} vertices and {num_faces} faces"))
 }
@@ -79,16 +88,16 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
 /// Lines without comments and blanks; what stands behind the wanted numbers of a line (colours) is ignored.
 struct Lines<'a> {
     path: &'a Path,
-    lines: std::iter::Enumerate<std::str::Lines<'a>>,
+    lines: Box<dyn Iterator<Item = (usize, &'a str)> + 'a>,
     line: usize,
     tokens: Vec<&'a str>,
 }
 
 impl<'a> Lines<'a> {
     fn next_line(&mut self) -> Option<&'a str> {
-        for (index, line) in self.lines.by_ref() {
-            self.line = index + 1;
-            let content = line.split('#').next().unwrap_or("").trim();
+        for (number, line) in self.lines.by_ref() {
+            self.line = number;
+            let content = text::without_comment(line).trim();
             if !content.is_empty() {
                 return Some(content);
             }
@@ -105,6 +114,12 @@ impl<'a> Lines<'a> {
             self.tokens.extend(line.split_whitespace());
         }
         Ok(())
+    }
+
+    fn coordinate(&self, token: usize) -> Result<f64, FormatError> {
+        let word = self.tokens[token];
+        let refuse = || FormatError::syntax(self.path, Place::Line(self.line), format!("{word:?}"), "a coordinate");
+        text::number(word).ok_or_else(refuse)
     }
 
     fn number<T: std::str::FromStr>(&self, token: usize, expected: &str) -> Result<T, FormatError> {
@@ -146,6 +161,16 @@ mod tests {
         assert!(text("solid x\n").contains("line 1"));
         assert!(text("").contains("nothing in it"));
         assert!(text("OFF 0 0 0").contains("found 0 vertices and 0 faces"));
+    }
+
+    #[test]
+    fn marks_and_line_ends_of_any_system() {
+        let text = "OFF\n3 1 0\n0 0 0\n1. 0 0\n.0 1 0\n3 0 1 2\n";
+        let wide = text.encode_utf16().flat_map(u16::to_le_bytes);
+        let wide: Vec<u8> = [0xff, 0xfe].into_iter().chain(wide).collect();
+        for bytes in [text.replace('\n', "\r").into_bytes(), format!("\u{feff}{text}").into_bytes(), wide] {
+            assert_eq!(parse(Path::new("a.off"), &bytes).unwrap().area(), 0.5, "{bytes:?}");
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@
 use super::MeshBuilder;
 use crate::FormatError;
 use crate::error::Place;
+use crate::text;
 use geometry::Mesh;
 use std::path::Path;
 
@@ -12,10 +13,8 @@ const FACET: usize = 50;
 
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     let count = bytes.get(80..HEADER).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
-    let fits = count.is_some_and(|n| HEADER as u64 + n * FACET as u64 == bytes.len() as u64);
-    let solid = bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
     match count {
-        _ if solid && !fits => text(path, bytes),
+        _ if is_text(bytes, count) => text(path, bytes),
         Some(count) => binary(path, bytes, count),
         None => Err(FormatError::syntax(
             path,
@@ -24,6 +23,21 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
             "a text STL, or a binary one of at least 84 bytes",
         )),
     }
+}
+
+/// Whether a file is text: it begins with "solid", whatever its byte-order mark, and goes on in words. Headers of binary
+/// files may begin so, too: then the size fits the count, or zero bytes and no words of the grammar follow.
+fn is_text(bytes: &[u8], count: Option<u64>) -> bool {
+    if count.is_some_and(|n| HEADER as u64 + n * FACET as u64 == bytes.len() as u64) {
+        return false;
+    }
+    if matches!(bytes, [0xff, 0xfe, ..] | [0xfe, 0xff, ..]) {
+        return true;
+    }
+    let head = text::without_mark(bytes).trim_ascii_start();
+    let head = head[..head.len().min(4096)].to_ascii_lowercase();
+    let has = |word: &[u8]| head.windows(word.len()).any(|w| w == word);
+    head.starts_with(b"solid") && (!head.contains(&0) || has(b"facet") && has(b"vertex"))
 }
 
 fn binary(path: &Path, bytes: &[u8], count: u64) -> Result<Mesh, FormatError> {
@@ -37,15 +51,21 @@ fn binary(path: &Path, bytes: &[u8], count: u64) -> Result<Mesh, FormatError> {
         let float = |at: usize| f64::from(f32::from_le_bytes([facet[at], facet[at + 1], facet[at + 2], facet[at + 3]]));
         builder.push([12, 24, 36].map(|at| ([float(at), float(at + 4), float(at + 8)], None)));
     }
+    let left = bytes.len() - HEADER - count as usize * FACET;
+    if left >= FACET {
+        builder.notes.push(format!("{left} bytes follow behind the {count} triangles declared and were not read"));
+    }
     builder.finish(path, || "no triangle".to_owned())
 }
 
 fn text(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = text::decode(bytes);
     let mut builder = MeshBuilder::default();
     let mut corners = vec![];
-    for (index, line) in text.lines().enumerate() {
-        let place = Place::Line(index + 1);
+    let mut last = 0;
+    for (number, line) in text::lines(&text) {
+        last = number;
+        let place = Place::Line(number);
         let mut words = line.split_whitespace();
         let word = words.next().unwrap_or("").to_ascii_lowercase();
         match word.as_str() {
@@ -53,7 +73,7 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
                 let mut position = [0.0; 3];
                 for value in &mut position {
                     let word = words.next().unwrap_or("");
-                    *value = word.parse().map_err(|_| {
+                    *value = text::number(word).ok_or_else(|| {
                         FormatError::syntax(path, place.clone(), format!("{word:?}"), "vertex with three coordinates")
                     })?;
                 }
@@ -64,7 +84,7 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
                     let found = format!("a facet of {} vertices", corners.len());
                     return Err(FormatError::syntax(path, place, found, "three vertices"));
                 }
-                builder.push_polygon(&corners);
+                builder.push_polygon(&corners, path, || place)?;
                 corners.clear();
             }
             "" | "solid" | "facet" | "outer" | "endfacet" | "endsolid" | "color" => {}
@@ -75,7 +95,7 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
         }
     }
     if !corners.is_empty() {
-        return Err(FormatError::truncated(path, Place::Line(text.lines().count()), "endloop"));
+        return Err(FormatError::truncated(path, Place::Line(last), "endloop"));
     }
     builder.finish(path, || "no facet".to_owned())
 }
@@ -103,6 +123,13 @@ mod tests {
         assert_eq!(parse(path, two.as_bytes()).unwrap().triangles.len(), 2, "both solids");
         for header in [&b"solid of an exporter"[..], b"", b"COLOR="] {
             assert_eq!(parse(path, &triangle(header)).unwrap().area(), 0.5);
+            let trailed = [triangle(header), b"made by hand".to_vec()].concat();
+            assert_eq!(parse(path, &trailed).unwrap().area(), 0.5, "bytes behind the last triangle");
+        }
+        let wide = two.encode_utf16().flat_map(u16::to_le_bytes);
+        let wide: Vec<u8> = [0xff, 0xfe].into_iter().chain(wide).collect();
+        for bytes in [format!("\u{feff}{two}").into_bytes(), two.replace('\n', "\r").into_bytes(), wide] {
+            assert_eq!(parse(path, &bytes).unwrap().triangles.len(), 2, "{bytes:?}");
         }
     }
 

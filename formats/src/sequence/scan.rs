@@ -69,7 +69,7 @@ impl Reader<'_> {
                     let found = format!("intrinsics {:?}", [fx, fy, cx, cy]);
                     return Err(wrong((found, "fx, fy, cx, cy in pixels, fx and fy positive")));
                 }
-                let depth = read_depth(&self.folder.join(file), self.described.depth_unit_m)?;
+                let depth = read_depth(&self.folder.join(file), Some(self.described.depth_unit_m))?.image;
                 Some((PinholeCamera { width: depth.size[0], height: depth.size[1], fx, fy, cx, cy }, depth))
             }
         };

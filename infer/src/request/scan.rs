@@ -1,15 +1,15 @@
 //! A scan as a request carries it.
 
 use super::Object;
-use crate::load;
+use crate::load::{self, Loaded};
 use crate::service::Refusal;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use geometry::{PinholeCamera, PointCloud};
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use geometry::PointCloud;
+use nalgebra::{Point3, Vector3};
 use planning::pose::from_quaternion;
 use planning::scan::FARTHEST_M;
-use planning::{Misses, Scan};
+use planning::{Misses, Reading, Scan};
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -78,8 +78,8 @@ pub struct ScanRequest<'a> {
     pub cloud_name: Option<String>,
     /// One per point.
     pub normals: Option<Triples>,
-    /// Unit of the points and of `from` (and of nothing else).
-    pub unit: Unit,
+    /// Unit of the points and of `from` (and of nothing else); metres, or what the file names, if absent.
+    pub unit: Option<Unit>,
     /// Where the camera was, world frame.
     pub from: Option<[f64; 3]>,
     /// A depth image.
@@ -105,7 +105,7 @@ impl Text<'_> {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn cloud_body(path: &Path, unit: Unit, from: Option<[f64; 3]>) -> Result<Vec<u8>, Refusal> {
+pub fn cloud_body(path: &Path, unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Vec<u8>, Refusal> {
     ScanRequest { file: Some(path.display().to_string()), unit, from, ..Default::default() }.with_its_file()
 }
 
@@ -171,7 +171,7 @@ impl ScanRequest<'_> {
         let path = Path::new(self.file.as_deref().unwrap_or_default());
         let bytes = load::named_bytes(path).map_err(wrong)?;
         // Told now, in terms of the file.
-        load::named_cloud(path, &bytes, self.unit).map_err(wrong)?;
+        load::named_cloud(path, &bytes, self.unit, self.from).map_err(wrong)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let mut whole =
             json!({ "cloud_base64": STANDARD.encode(bytes), "cloud_name": name, "unit": self.unit, "from": self.from });
@@ -182,7 +182,7 @@ impl ScanRequest<'_> {
     }
 
     /// The scan.
-    pub fn into_scan(self, may_read_files: bool) -> Result<Scan, Refusal> {
+    pub fn into_scan(self, may_read_files: bool) -> Result<Loaded, Refusal> {
         let bad = |message: &str| Refusal::new(400, "bad_scan", message);
         let given = [
             self.points.is_some(),
@@ -194,7 +194,7 @@ impl ScanRequest<'_> {
         if given.iter().filter(|g| **g).count() != 1 {
             return Err(bad("give exactly one of points, points_base64, cloud_base64, depth and file"));
         }
-        let metres = self.unit.metres();
+        let metres = self.unit.unwrap_or_default().metres();
         let from = self.from.map(|p| Point3::from(Vector3::from(p) * metres));
         if from.is_some_and(|p| is_far(&p.coords)) {
             return Err(bad("from: farther away than a million metres"));
@@ -211,20 +211,17 @@ impl ScanRequest<'_> {
         let file = match (&self.file, &self.cloud_base64) {
             (Some(file), _) => {
                 let path = Path::new(file);
-                Some(load::named_bytes(path).and_then(|bytes| load::named_cloud(path, &bytes, self.unit)))
+                Some(load::named_bytes(path).and_then(|bytes| load::named_cloud(path, &bytes, self.unit, self.from)))
             }
             (None, Some(text)) => {
                 let bytes = decoded("cloud_base64", text, PIXELS, "points")?;
-                Some(load::cloud_bytes(self.cloud_name.as_deref().unwrap_or("cloud.ply"), &bytes, self.unit))
+                let name = self.cloud_name.as_deref().unwrap_or("cloud.ply");
+                Some(load::cloud_bytes(name, &bytes, self.unit, self.from))
             }
             (None, None) => None,
         };
         if let Some(scan) = file {
-            let mut scan = scan.map_err(|e| Refusal::new(400, "bad_file", format!("{e:#}")))?;
-            if let (Scan::Cloud { from: known, .. }, Some(from)) = (&mut scan, from) {
-                *known = Some(from);
-            }
-            return Ok(scan);
+            return scan.map_err(|e| Refusal::new(400, "bad_file", format!("{e:#}")));
         }
         let raw = match (self.points, self.points_base64) {
             (Some(points), _) => points.0,
@@ -236,7 +233,8 @@ impl ScanRequest<'_> {
         if !normals.is_empty() && normals.len() != points.len() {
             return Err(bad(&format!("{} normals for {} points", normals.len(), points.len())));
         }
-        Ok(Scan::Cloud { cloud: PointCloud { points, normals }, from })
+        let scan = Scan::Cloud { cloud: PointCloud { points, normals }, from };
+        Ok(Loaded { scan, reading: Reading { notes: Vec::new(), metres_per_unit: Some(metres) } })
     }
 }
 
@@ -253,23 +251,18 @@ fn decode_points(text: &[u8]) -> Result<Vec<[f64; 3]>, String> {
 }
 
 impl DepthRequest<'_> {
-    fn into_scan(self) -> Result<Scan, Refusal> {
+    fn into_scan(self) -> Result<Loaded, Refusal> {
         let bad = |message: String| Refusal::new(400, "bad_depth", message);
-        let decode = |key: &str, text: &Text| decoded(key, text, PIXELS, "pixels");
-        let image = match (&self.png_base64, &self.npy_base64) {
-            (Some(text), None) => load::depth_png(&decode("png_base64", text)?, self.metres_per_unit),
-            (None, Some(text)) => load::depth_npy(&decode("npy_base64", text)?, self.metres_per_unit),
+        let (key, name, text) = match (&self.png_base64, &self.npy_base64) {
+            (Some(text), None) => ("png_base64", "depth.png", text),
+            (None, Some(text)) => ("npy_base64", "depth.npy", text),
             _ => return Err(bad("give exactly one of png_base64 and npy_base64".to_owned())),
         };
-        let depth = image.map_err(|e| bad(format!("{e:#}")))?;
-        if depth.depth.len() > PIXELS {
-            let message = format!("{} pixels, at most {PIXELS} are taken", depth.depth.len());
-            return Err(Refusal::new(413, "too_large", message));
-        }
-        let [fx, fy, cx, cy] = self.intrinsics;
-        let camera = PinholeCamera { width: depth.size[0], height: depth.size[1], fx, fy, cx, cy };
-        if !(fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|x| x.is_finite())) {
-            return Err(bad("intrinsics: fx, fy, cx, cy with fx and fy positive".to_owned()));
+        let bytes = decoded(key, text, PIXELS, "pixels")?;
+        let file = load::depth_bytes(name, &bytes, self.metres_per_unit).map_err(|e| bad(format!("{e:#}")))?;
+        let pixels = file.image.depth.len();
+        if pixels > PIXELS {
+            return Err(Refusal::new(413, "too_large", format!("{pixels} pixels, at most {PIXELS} are taken")));
         }
         let world_from_camera = match (self.world_from_camera, self.quaternion_xyzw, self.translation_m) {
             (Some(matrix), None, None) => load::rigid(&matrix).map_err(bad)?,
@@ -279,7 +272,8 @@ impl DepthRequest<'_> {
         if is_far(&world_from_camera.translation.vector) {
             return Err(bad("the camera stands farther away than a million metres".to_owned()));
         }
-        Ok(Scan::Depth { camera, depth, world_from_camera, misses: self.misses.unwrap_or_default() })
+        let misses = self.misses.unwrap_or_default();
+        load::from_depth_file(file, self.intrinsics, world_from_camera, misses).map_err(|e| bad(format!("{e:#}")))
     }
 }
 

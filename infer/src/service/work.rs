@@ -4,10 +4,11 @@ use super::store::Record;
 use super::{
     Answers, Entry, Held, Key, Memory, Method, OnDeadline, Patience, Refusal, Reply, Service, Store, Written, lock,
 };
+use crate::load::Loaded;
 use crate::request::{Ask, Body, NextRequest, over};
 use planning::scan::{FARTHEST_M, Scan};
 use planning::session::Request;
-use planning::{Misses, Network, Session, SessionConfig, SessionError};
+use planning::{Budget, Misses, Network, Session, SessionConfig, SessionError};
 use serde::Serialize;
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -148,14 +149,20 @@ impl Service {
         }
     }
 
-    fn add_scan(&self, open: &mut Open, scan: Scan, patience: &Patience) -> Result<Reply, Refusal> {
+    fn add_scan(
+        &self,
+        open: &mut Open,
+        Loaded { scan, reading }: Loaded,
+        patience: &Patience,
+    ) -> Result<Reply, Refusal> {
         let full =
             |what: String| Refusal::new(507, "session_full", format!("{what}: undo, reset or start another session"));
         let scans = open.session.num_scans();
         if scans >= self.limits.scans {
             return Err(full(format!("the session has {scans} scans, the most allowed (service.scans)")));
         }
-        let report = open.session.add_scan_within(scan, &patience.budget(OnDeadline::Error))?;
+        let notes = reading.notes.clone();
+        let report = open.session.add_scan_within(scan, reading, &patience.budget(OnDeadline::Error))?;
         let bytes = open.memory();
         let most = self.limits.session_mib;
         let fits = match bytes > most << 20 {
@@ -166,7 +173,7 @@ impl Service {
             open.session.undo();
             return Err(refusal);
         }
-        Reply::of(&json!({ "scans": open.session.num_scans(), "report": report }))
+        Reply::of(&json!({ "scans": open.session.num_scans(), "report": report, "notes": notes }))
     }
 
     /// Reads a session that has not been read, or could not be written.
@@ -193,8 +200,10 @@ fn read_back(store: &Store, id: u64, open: &mut Open) -> Result<(), Refusal> {
         else {
             return Err(Refusal::internal());
         };
-        let scan = meant(*scan, misses, &config);
-        let added = open.session.configure(config).and_then(|()| open.session.add_scan(scan));
+        let Loaded { scan, reading } = meant(*scan, misses, &config);
+        let unhurried = Budget::default();
+        let configured = open.session.configure(config);
+        let added = configured.and_then(|()| open.session.add_scan_within(scan, reading, &unhurried));
         added.map_err(|e| store.refused(id, number, e))?;
         open.held.cover(open.memory())?;
     }
@@ -205,11 +214,11 @@ fn read_back(store: &Store, id: u64, open: &mut Open) -> Result<(), Refusal> {
 }
 
 /// A scan whose misses mean what was said, or else what the settings say.
-fn meant(mut scan: Scan, given: Option<Misses>, config: &SessionConfig) -> Scan {
-    if let (Scan::Depth { misses, .. }, None) = (&mut scan, given) {
+fn meant(mut loaded: Loaded, given: Option<Misses>, config: &SessionConfig) -> Loaded {
+    if let (Scan::Depth { misses, .. }, None) = (&mut loaded.scan, given) {
         *misses = config.misses;
     }
-    scan
+    loaded
 }
 
 fn next_view(open: &mut Open, request: NextRequest, patience: &Patience) -> Result<Reply, Refusal> {

@@ -18,11 +18,11 @@ pub fn read_file(file: &Path) -> Result<Vec<Stored>, WeightsError> {
     let name = file.display().to_string();
     match file.extension().and_then(|e| e.to_str()) {
         Some("safetensors") => {
-            let bytes = std::fs::read(file).map_err(|source| WeightsError::Io { file: name.clone(), source })?;
+            let bytes = std::fs::read(file).map_err(|source| WeightsError::Io { file: name.clone(), cause: source })?;
             read_safetensors(&bytes, &name)
         }
         Some("pth" | "pt" | "bin") => {
-            std::fs::File::open(file).map_err(|source| WeightsError::Io { file: name.clone(), source })?;
+            std::fs::File::open(file).map_err(|source| WeightsError::Io { file: name.clone(), cause: source })?;
             read_pytorch(file, &name)
         }
         _ => Err(WeightsError::UnknownKind { file: name }),

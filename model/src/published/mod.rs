@@ -53,12 +53,12 @@ impl Network for BenbvNet {
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
     /// The file cannot be read or written.
-    #[error("{file}: {source}")]
+    #[error("{file}: {cause}")]
     Io {
         /// The file.
         file: String,
         /// The cause.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// Not a weights file, or a damaged one.
     #[error("{file}: not a readable {format} file: {reason}")]

@@ -2,7 +2,7 @@
 
 use crate::config::ConfigError;
 use crate::planners::auto::ChooseError;
-use crate::scan::ScanReport;
+use crate::scan::{Reading, Refusal, ScanReport};
 use crate::{PlanError, Stopped};
 
 /// Why no answer can be given.
@@ -27,12 +27,14 @@ pub enum SessionError {
     },
     /// A cloud of no size.
     #[error(
-        "the cloud is {across_m:.1e} m across, smaller than a micrometre: is its unit right (--unit mm takes numbers as \
-         millimetres)?"
+        "the cloud is {across_m:.1e} m across, smaller than a micrometre: {}",
+        if *in_millimetres { "are its numbers metres (--unit m)?" } else { "are its numbers of a larger unit than metres?" }
     )]
     TooSmall {
         /// Diagonal of its box, metres.
         across_m: f64,
+        /// Whether its numbers were taken for less than metres.
+        in_millimetres: bool,
     },
     /// The planner has no view for a reason that is no end.
     #[error(transparent)]
@@ -53,6 +55,19 @@ impl From<PlanError> for SessionError {
         match error {
             PlanError::Stopped(stopped) => Self::Stopped(stopped),
             other => Self::Plan(other),
+        }
+    }
+}
+
+impl SessionError {
+    /// A scan that cannot be planned on.
+    pub(super) fn refused(refusal: Refusal, least: usize, reading: &Reading) -> Self {
+        match refusal {
+            Refusal::TooFew(report) => Self::TooFewPoints { report, least },
+            Refusal::TooSmall(across_m) => {
+                Self::TooSmall { across_m, in_millimetres: reading.metres_per_unit.is_some_and(|m| m < 1.0) }
+            }
+            Refusal::Stopped(stopped) => Self::Stopped(stopped),
         }
     }
 }

@@ -1,8 +1,10 @@
 use super::*;
+use crate::Reading;
 use crate::Unseen;
 use crate::stop::Missing;
 use crate::{Left, PlannerName, Stopped};
 use geometry::View;
+use nalgebra::Vector3;
 
 /// A sheet of 10 cm, `side` by `side` points, seen from a metre above.
 fn session(side: usize, config: SessionConfig) -> Session {
@@ -144,7 +146,7 @@ fn a_scan_that_takes_too_long_is_not_added() {
     let before = session.next_view().expect("an answer");
     let scan = Scan::Cloud { cloud: session.cloud().clone(), from: None };
     for checks in 0..5 {
-        let added = session.add_scan_within(scan.clone(), &budget(checks, Left::Nobody));
+        let added = session.add_scan_within(scan.clone(), Reading::default(), &budget(checks, Left::Nobody));
         assert_eq!(added, Err(SessionError::Stopped(Stopped::Cancelled)), "after {checks} checks");
     }
     assert_eq!((session.num_scans(), session.next_view()), (1, Ok(before.clone())));
@@ -159,4 +161,73 @@ fn memory_counts_what_planners_remember() {
     let before = session.memory();
     session.next_view().expect("an answer");
     assert!(session.memory() > before + 1_000_000, "voxels: {before}, then {}", session.memory());
+}
+
+/// A curved sheet 10 cm across below its camera, with normals.
+fn sheet(normal: impl Fn(usize, Vector3<f64>) -> Vector3<f64>) -> Scan {
+    let mut cloud = PointCloud::default();
+    for i in 0..400 {
+        let (x, y) = ((i % 20) as f64 * 0.005 - 0.05, (i / 20) as f64 * 0.005 - 0.05);
+        cloud.points.push(Point3::new(x, y, 0.1 + 2.0 * (x * x + y * y)));
+        cloud.normals.push(normal(i, Vector3::new(-4.0 * x, -4.0 * y, 1.0).normalize()));
+    }
+    Scan::Cloud { cloud, from: Some(Point3::new(0.0, 0.0, 1.0)) }
+}
+
+#[test]
+fn a_known_camera_decides_where_normals_point() {
+    let next = |scan: Scan| {
+        let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+        let report = session.add_scan(scan).expect("a scan");
+        let answer = session.next_view().expect("an answer");
+        assert!(session.cloud().normals.iter().all(|n| n.z > 0.5), "towards the camera");
+        (report, answer.next.expect("the sheet is open").position_m, answer.warnings)
+    };
+    let (report, expected, warnings) = next(sheet(|_, n| n));
+    assert_eq!((report.normals_turned, warnings.len()), (0, 0), "{warnings:?}");
+    let (report, position, warnings) = next(sheet(|_, n| -n));
+    assert_eq!((report.normals_turned, position), (400, expected), "pointing away");
+    assert!(warnings[0].contains("away from the camera"), "{warnings:?}");
+    let (report, position, warnings) = next(sheet(|i, n| if i % 4 == 0 { Vector3::repeat(f64::NAN) } else { n }));
+    assert_eq!((report.normals_estimated, report.not_finite, report.used), (100, 0, 400), "no point is lost");
+    assert!(position[2] > 0.0 && warnings[0].contains("100 normals are missing"), "{warnings:?}");
+    for wrong in [Vector3::x(), Vector3::zeros()] {
+        let (_, position, _) = next(sheet(move |i, n| if i == 7 { n } else { wrong }));
+        assert!(position[2] > 0.0, "{wrong:?} for most");
+    }
+}
+
+#[test]
+fn hints_on_the_unit_point_the_right_way() {
+    let warnings = |scale: f64, metres_per_unit: f64| {
+        let Scan::Cloud { mut cloud, .. } = sheet(|_, n| n) else { unreachable!("a cloud") };
+        cloud.points.iter_mut().for_each(|p| p.coords *= scale);
+        let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+        let reading = Reading { notes: vec!["a.csv: a guess".to_owned()], metres_per_unit: Some(metres_per_unit) };
+        let from = Some(Point3::new(0.0, 0.0, scale));
+        session.add_scan_within(Scan::Cloud { cloud, from }, reading, &Budget::default()).expect("a scan");
+        let warnings = session.next_view().expect("an answer").warnings;
+        assert_eq!(warnings[0], "a.csv: a guess", "what was read is said");
+        warnings[1..].join("\n")
+    };
+    assert_eq!(warnings(1.0, 1.0), "");
+    let large = warnings(300.0, 1.0);
+    assert!(large.contains("--unit mm makes it 4.0 cm") && !large.contains("--distance"), "{large}");
+    let large = warnings(300.0, 0.001);
+    assert!(!large.contains("--unit mm") && large.contains("--distance"), "{large}");
+    assert!(warnings(0.01, 0.001).contains("--unit m makes it 1.35 m"), "{}", warnings(0.01, 0.001));
+    let speck = warnings(0.03, 1.0);
+    assert!(speck.contains("tolerance_m of 2.00 mm is coarse") && !speck.contains("--unit"), "{speck}");
+    assert!(warnings(0.03, 0.001).contains("--unit m makes it 4.0"), "{}", warnings(0.03, 0.001));
+}
+
+#[test]
+fn copies_are_no_thinning() {
+    let Scan::Cloud { cloud, from } = sheet(|_, n| n) else { unreachable!("a cloud") };
+    let cloud = PointCloud { points: cloud.points.repeat(3), normals: Vec::new() };
+    let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+    let report = session.add_scan(Scan::Cloud { cloud, from }).expect("a scan");
+    assert_eq!((report.duplicates, report.thinned, report.used), (800, 0, 400));
+    let warnings = session.next_view().expect("an answer").warnings;
+    assert!(warnings[0].contains("800 of 1200 points as equal") && warnings.len() == 1, "{warnings:?}");
 }

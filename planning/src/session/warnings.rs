@@ -1,33 +1,89 @@
 //! What a user should know of the scans and of the answer.
 
 use super::Session;
+use crate::Seen;
 use crate::answer::{Candidate, length};
-use crate::scan::FARTHEST_M;
+use crate::scan::{FARTHEST_M, ScanReport};
 use nalgebra::Point3;
+
+/// A cloud is large for its unit beyond so many working distances, and small within such a share of one.
+const TOO_LARGE: f64 = 10.0;
+const TOO_SMALL: f64 = 0.01;
+/// A tolerance beyond this share of the cloud hides what a view adds.
+const COARSE: f64 = 0.05;
+/// Notes of an answer.
+const MOST_NOTES: usize = 20;
 
 impl Session {
     /// What is odd about sizes and distances.
     pub(super) fn warnings(&self, next: Option<&Candidate>, candidates: &[Candidate]) -> Vec<String> {
-        let mut warnings = self.doubts(next);
+        let mut warnings = self.notes();
+        warnings.extend(self.doubts(next));
         let reports = || self.scans.iter().map(|s| &s.report);
-        let (read, used): (usize, usize) = reports().fold((0, 0), |(r, u), x| (r + x.read, u + x.used));
-        if reports().map(|r| r.thinned).sum::<usize>() * 10 > read {
+        let total = |count: fn(&ScanReport) -> usize| reports().map(count).sum::<usize>();
+        let (read, used, thinned) = (total(|r| r.read), total(|r| r.used), total(|r| r.thinned));
+        if thinned * 10 > read {
             warnings.push(format!("thinned to {used} of {read} points before planning (max_points)"));
         }
-        let far: usize = reports().map(|r| r.out_of_range).sum();
+        let duplicates = total(|r| r.duplicates);
+        if duplicates * 10 > read {
+            warnings.push(format!("left out {duplicates} of {read} points as equal to others"));
+        }
+        if reports().any(|r| r.normals_ignored) {
+            warnings.push("the normals given are too few or do not stand on the surface: estimated anew".to_owned());
+        }
+        let (turned, estimated) = (total(|r| r.normals_turned), total(|r| r.normals_estimated));
+        if turned * 10 > used {
+            warnings.push(format!("{turned} of {used} normals given point away from the camera: turned towards it"));
+        }
+        if estimated > 0 {
+            warnings.push(format!("{estimated} normals are missing and were estimated"));
+        }
+        let far: usize = total(|r| r.out_of_range);
         if far > 0 {
             warnings.push(format!("left out {far} points farther away than {FARTHEST_M:.0e} m: marks for no return?"));
         }
-        let outliers: usize = reports().map(|r| r.outliers).sum();
+        let outliers = total(|r| r.outliers);
         if outliers > 0 {
             warnings.push(format!("dropped {outliers} points far from all others (outlier_factor)"));
         }
         let (low, high) = self.state.cloud.bounding_box();
         let diagonal = (high - low).norm();
-        if diagonal > 50.0 {
-            warnings.push(format!("the cloud is {} across: is it in millimetres (--unit mm)?", length(diagonal)));
-        } else if diagonal < 0.002 {
-            warnings.push(format!("the cloud is {} across: is it in metres (--unit m)?", length(diagonal)));
+        let metres = self.scans.last().and_then(|s| s.reading.metres_per_unit);
+        let farthest = self.config.working_distances().into_iter().fold(0.0, f64::max);
+        let large = diagonal > TOO_LARGE * farthest;
+        let too_large = large && metres.is_none_or(|m| m >= 1.0);
+        let across = length(diagonal);
+        let depth = self.scans.last().and_then(|s| s.past.last()).is_some_and(|p| matches!(p.seen, Seen::Depth { .. }));
+        match metres {
+            None if depth && too_large => warnings.push(format!(
+                "the cloud is {across} across, {:.0} times the working distance: are its depths and poses in metres?",
+                diagonal / farthest
+            )),
+            _ if too_large => warnings.push(format!(
+                "the cloud is {across} across, {:.0} times the working distance: are its numbers millimetres (--unit mm makes it \
+                 {})?",
+                diagonal / farthest,
+                length(diagonal * 0.001)
+            )),
+            Some(m) if m < 1.0 && diagonal < TOO_SMALL * farthest => warnings.push(format!(
+                "the cloud is {across} across: are its numbers metres (--unit m makes it {})?",
+                length(diagonal / m)
+            )),
+            None if !depth && diagonal < 0.001 * farthest => {
+                warnings.push(format!("the cloud is {across} across: are its numbers metres (--unit m)?"));
+            }
+            _ => {}
+        }
+        let tolerance = self.config.tolerance_m;
+        if tolerance > COARSE * diagonal {
+            warnings.push(format!(
+                "tolerance_m of {} is coarse for a cloud {} across: views will seem to add nothing (--set tolerance_m={:.1e} \
+                 would serve)",
+                length(tolerance),
+                length(diagonal),
+                0.01 * diagonal
+            ));
         }
         let camera = &self.state.camera;
         let image = f64::from(camera.width) / camera.fx;
@@ -38,7 +94,7 @@ impl Session {
         let distance = best.working_distance_m;
         let position = Point3::from(best.position_m);
         let nearest = self.state.cloud.points.iter().map(|p| (p - position).norm()).fold(f64::INFINITY, f64::min);
-        if nearest < 0.5 * distance {
+        if nearest < 0.5 * distance && !too_large {
             warnings.push(format!(
                 "the camera would stand {} from the measured surface, in or near the cloud, which is {} across: \
                  a distance of {} would serve (--distance {serves:.3})",
@@ -46,7 +102,7 @@ impl Session {
                 length(diagonal),
                 length(serves)
             ));
-        } else if diagonal > distance * angle {
+        } else if diagonal > distance * angle && !too_large {
             warnings.push(format!(
                 "the cloud is {} across and overflows the image at {}: a distance of {} would serve (--distance {serves:.3})",
                 length(diagonal),
@@ -55,5 +111,21 @@ impl Session {
             ));
         }
         warnings
+    }
+
+    /// What there is to say of the files that the scans were.
+    fn notes(&self) -> Vec<String> {
+        let all = self.scans.iter().zip(1..).flat_map(|(s, i)| s.reading.notes.iter().map(move |note| (i, note)));
+        let numbered = |(i, note): (usize, &String)| match self.scans.len() {
+            1 => note.clone(),
+            _ => format!("scan {i}: {note}"),
+        };
+        let mut notes: Vec<String> = all.map(numbered).collect();
+        let left = notes.len().saturating_sub(MOST_NOTES);
+        if left > 0 {
+            notes.truncate(MOST_NOTES);
+            notes.push(format!("and {left} more such notes on the scans"));
+        }
+        notes
     }
 }

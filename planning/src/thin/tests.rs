@@ -39,11 +39,17 @@ fn about_as_many_points_stay_as_asked_for() {
         let kept = thin(&points, radius_for(&points, 1_000, spacing_of_all(&points, 1_000, 0), 0)).len();
         assert!((900..=1_100).contains(&kept), "{kept} of {count}");
     }
-    // A lattice, where all neighbours are equally far: more than half of it goes at once.
-    let lattice: Vec<_> =
-        (0..10_201).map(|i| Point3::new(f64::from(i % 101), f64::from(i / 101), 0.0) * 0.001).collect();
-    let kept = thin(&lattice, radius_for(&lattice, 10_000, spacing_of_all(&lattice, 1_000, 0), 0)).len();
-    assert!(kept >= 5_000, "{kept} of a lattice of 10,201");
+    // A lattice, where all neighbours are equally far: half of it goes at once.
+    for side in [101, 104, 110, 130, 150, 200, 300] {
+        let lattice: Vec<_> =
+            (0..side * side).map(|i| Point3::new(f64::from(i % side), f64::from(i / side), 0.0) * 0.001).collect();
+        let kept = thin_to(&lattice, radius_for(&lattice, 10_000, spacing_of_all(&lattice, 1_000, 0), 0), 10_000, 0);
+        assert!((8_000..=11_000).contains(&kept.indices.len()), "{} of a lattice of {side}", kept.indices.len());
+        assert!(kept.indices.is_sorted() && kept.duplicates == 0);
+    }
+    let twice: Vec<_> = random_sphere(700, 5).repeat(2);
+    let kept = thin_to(&twice, radius_for(&twice, 1_000, spacing_of_all(&twice, 1_000, 0), 0), 1_000, 0);
+    assert_eq!((kept.indices.len(), kept.duplicates), (700, 700), "given twice");
 }
 
 #[test]
@@ -72,7 +78,34 @@ fn the_radius_gives_about_the_number_asked_for() {
 }
 
 fn without_outliers(points: &[Point3<f64>], factor: f64) -> Vec<usize> {
-    super::without_outliers(&NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 30), factor)
+    super::without_outliers(points, &NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 30), factor)
+}
+
+#[test]
+fn a_sparse_surface_beside_a_dense_one_stays() {
+    let lattice = |side: u32, size: f64| {
+        let at = move |i: u32| (f64::from(i) / f64::from(side - 1) - 0.5) * size;
+        (0..side * side).map(move |i| {
+            let (x, y) = (at(i % side), at(i / side));
+            Point3::new(x, y, 0.1 + x * x + y * y)
+        })
+    };
+    for (dense, size) in [(25, 0.02), (60, 0.02), (40, 0.01)] {
+        let mut points: Vec<_> =
+            lattice(20, 0.12).chain(lattice(dense, size).map(|p| p + Vector3::x() * 0.001)).collect();
+        let surface = points.len();
+        assert_eq!(without_outliers(&points, 6.0).len(), surface, "a patch of {dense} in a sheet of 20");
+        // Scattered all about, alone, and in a few together.
+        let mut rng = rng::stream(6, "test/stray");
+        for _ in 0..40 {
+            let mut at = || rng.random_range(0.3..2.0);
+            points.push(Point3::new(at(), at(), at()));
+        }
+        points.extend((0..5).map(|i| Point3::new(-1.0, 0.001 * f64::from(i), -1.0)));
+        let kept = without_outliers(&points, 6.0);
+        let stray = kept.iter().filter(|&&i| i >= surface).count();
+        assert!(kept.len() - stray == surface && stray <= 2, "{stray} of 45 stray points are left");
+    }
 }
 
 #[test]

@@ -1,0 +1,193 @@
+//! What the columns of a text cloud are, by the names above them.
+
+/// Where positions and normals stand.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Columns {
+    pub(super) position: [usize; 3],
+    pub(super) normal: Option<[usize; 3]>,
+    /// The unit named with the positions, metres.
+    pub(super) metres_per_unit: Option<f64>,
+    /// Number of names.
+    pub(super) count: usize,
+}
+
+/// Spellings of the three axes, from the likeliest: letters, survey coordinates, and how programs number vectors.
+const POSITIONS: [[&[&str]; 3]; 4] = [
+    [&["x"], &["y"], &["z"]],
+    [
+        &["px", "posx", "positionx", "pointx", "coordx", "coordinatex", "xcoord", "xcoordinate", "xpos", "xposition"],
+        &["py", "posy", "positiony", "pointy", "coordy", "coordinatey", "ycoord", "ycoordinate", "ypos", "yposition"],
+        &["pz", "posz", "positionz", "pointz", "coordz", "coordinatez", "zcoord", "zcoordinate", "zpos", "zposition"],
+    ],
+    [
+        &["easting", "east", "e", "x", "rechtswert", "ost"],
+        &["northing", "north", "n", "y", "hochwert", "nord"],
+        &["height", "elevation", "altitude", "elev", "alt", "h", "up", "u", "z", "hohe", "hoehe"],
+    ],
+    [
+        &["points0", "coordinates0", "position0"],
+        &["points1", "coordinates1", "position1"],
+        &["points2", "coordinates2", "position2"],
+    ],
+];
+
+const NORMALS: [&[&str]; 3] = [
+    &["nx", "normalx", "xnormal", "normals0", "normal0", "normx"],
+    &["ny", "normaly", "ynormal", "normals1", "normal1", "normy"],
+    &["nz", "normalz", "znormal", "normals2", "normal2", "normz"],
+];
+
+impl Columns {
+    /// The first three columns, without names.
+    pub(super) fn by_place() -> Self {
+        Self { position: [0, 1, 2], normal: None, metres_per_unit: None, count: 0 }
+    }
+
+    /// By names; `None` where they tell no position, an error where they contradict each other.
+    pub(super) fn named(cells: &[&str]) -> Result<Option<Self>, String> {
+        let names: Vec<(String, Option<f64>)> = cells.iter().map(|cell| plain(cell)).collect();
+        let find = |axis: &[&str]| axis.iter().find_map(|&name| names.iter().position(|(n, _)| n == name));
+        let all = |axes: &[&[&str]; 3]| {
+            let [a, b, c] = axes.map(find);
+            Some([a?, b?, c?])
+        };
+        let Some(position) = POSITIONS.iter().find_map(all) else { return Ok(None) };
+        let normal = all(&NORMALS);
+        for &i in position.iter().chain(normal.iter().flatten()) {
+            if names.iter().filter(|(name, _)| *name == names[i].0).count() > 1 {
+                return Err(format!("the column {:?} twice", cells[i].trim()));
+            }
+        }
+        let units = position.map(|i| names[i].1);
+        if units.iter().any(|unit| *unit != units[0]) {
+            return Err(format!("different units of {}", position.map(|i| cells[i].trim()).join(", ")));
+        }
+        Ok(Some(Self { position, normal, metres_per_unit: units[0], count: cells.len() }))
+    }
+}
+
+/// A name in lower-case letters and digits, and the unit that stands with it in brackets or behind a last `_`.
+fn plain(cell: &str) -> (String, Option<f64>) {
+    let cell = cell.trim_matches(|c: char| c.is_whitespace() || "\"'/#".contains(c)).to_lowercase();
+    let (name, bracketed) = match cell.find(['[', '(', '<', '{']) {
+        Some(at) => (&cell[..at], metres(cell[at..].trim_matches(|c: char| !c.is_alphanumeric() && c != 'µ'))),
+        None => (&cell[..], None),
+    };
+    let (name, unit) = match name.trim().rsplit_once(['_', ' ']) {
+        Some((before, last)) if bracketed.is_none() && metres(last).is_some() => (before, metres(last)),
+        _ => (name, bracketed),
+    };
+    (name.chars().filter(|c| c.is_alphanumeric()).collect(), unit)
+}
+
+fn metres(unit: &str) -> Option<f64> {
+    Some(match unit {
+        "m" | "metre" | "metres" | "meter" | "meters" => 1.0,
+        "mm" | "millimetre" | "millimetres" | "millimeter" | "millimeters" => 0.001,
+        "cm" | "centimetre" | "centimetres" | "centimeter" | "centimeters" => 0.01,
+        "dm" => 0.1,
+        "km" => 1000.0,
+        "um" | "µm" | "micron" | "microns" => 1e-6,
+        "in" | "inch" | "inches" => 0.0254,
+        "ft" | "foot" | "feet" => 0.3048,
+        _ => return None,
+    })
+}
+
+/// Cells of a line: blanks part them, and tabulators, semicolons and (unless they are decimal marks) commas, between which
+/// a cell may be empty. Quotes keep a cell together.
+pub(super) fn cells(line: &str, commas_part: bool) -> Vec<&str> {
+    let mut cells = vec![];
+    let mut rest = line.trim_start_matches(' ');
+    let mut open = true; // a cell is due, be it empty
+    while let Some(first) = rest.chars().next() {
+        let parts = |c: char| matches!(c, ';' | '\t') || (c == ',' && commas_part);
+        if parts(first) {
+            if open {
+                cells.push("");
+            }
+            open = true;
+            rest = rest[1..].trim_start_matches(' ');
+            continue;
+        }
+        let (cell, behind) = match first {
+            '"' | '\'' => match rest[1..].find(first) {
+                Some(end) => (&rest[1..1 + end], &rest[end + 2..]),
+                None => (&rest[1..], ""),
+            },
+            _ => rest.split_at(rest.find(|c| c == ' ' || parts(c)).unwrap_or(rest.len())),
+        };
+        if !cell.is_empty() || first == '"' || first == '\'' {
+            cells.push(cell.trim());
+        }
+        open = false;
+        rest = behind.trim_start_matches(' ');
+    }
+    if open && !cells.is_empty() {
+        cells.push("");
+    }
+    cells
+}
+
+/// Cells of a line of names: units in brackets of their own (`X [m] Y [m]`) go with the name before.
+pub(super) fn names(line: &str) -> Vec<String> {
+    let mut names: Vec<String> = vec![];
+    for cell in cells(line, true) {
+        match names.last_mut().filter(|_| cell.starts_with(['[', '(', '<', '{'])) {
+            Some(name) => name.push_str(cell),
+            None => names.push(cell.to_owned()),
+        }
+    }
+    while names.last().is_some_and(String::is_empty) {
+        names.pop();
+    }
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(line: &str) -> Result<Option<Columns>, String> {
+        let names = names(line);
+        Columns::named(&names.iter().map(String::as_str).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn names_in_all_spellings() {
+        for (line, position, unit) in [
+            ("x,y,z", [0, 1, 2], None),
+            ("GPSTime,X,Y,Z,Intensity", [1, 2, 3], None),
+            ("z;y;x", [2, 1, 0], None),
+            ("\"id\",\"pos_x\",\"pos_y\",\"pos_z\"", [1, 2, 3], None),
+            ("Easting [m]\tNorthing [m]\tHeight [m]", [0, 1, 2], Some(1.0)),
+            ("//X Y Z R G B", [0, 1, 2], None),
+            ("R X [mm] Y [mm] Z [mm]", [1, 2, 3], Some(0.001)),
+            ("nx ny nz x(cm) y(cm) z(cm)", [3, 4, 5], Some(0.01)),
+            ("Points:2,Points:0,Points:1", [1, 2, 0], None),
+            ("x_mm,y_mm,z_mm", [0, 1, 2], Some(0.001)),
+            ("point,E,N,H", [1, 2, 3], None),
+            (",x,y,z", [1, 2, 3], None),
+        ] {
+            let columns = named(line).expect(line).expect(line);
+            assert_eq!((columns.position, columns.metres_per_unit), (position, unit), "{line}");
+        }
+        assert_eq!(named("nx ny nz x y z").unwrap().unwrap().normal, Some([0, 1, 2]));
+        for line in ["lat,lon,alt", "a b c", "x,y", "scan of a vase"] {
+            assert_eq!(named(line), Ok(None), "{line}");
+        }
+        assert!(named("x,y,z,x").expect_err("twice").contains("\"x\" twice"));
+        assert!(named("x [mm],y [m],z [mm]").expect_err("units").contains("different units"));
+    }
+
+    #[test]
+    fn cells_may_be_empty_between_marks_alone() {
+        assert_eq!(cells("1,,3", true), ["1", "", "3"]);
+        assert_eq!(cells(" 1  2 ; 3\t4,5 , 6 ", true), ["1", "2", "3", "4", "5", "6"]);
+        assert_eq!(cells("0,1 0,2;0,3", false), ["0,1", "0,2", "0,3"]);
+        assert_eq!(cells("1,2,,", true), ["1", "2", "", ""]);
+        assert_eq!(cells(";1;2", true), ["", "1", "2"]);
+        assert_eq!(cells("\"0,5\",\"a b\", 2", true), ["0,5", "a b", "2"]);
+        assert!(cells("  ", true).is_empty());
+    }
+}

@@ -1,0 +1,140 @@
+//! The normals of a scan: those that come with it are held against its points and its camera.
+
+use crate::scan::{NORMAL_NEIGHBORS, neighborhoods};
+use geometry::{Neighborhoods, PointCloud, estimate_normals, normals_of};
+use nalgebra::Vector3;
+
+/// Cosine above which a given normal agrees with the surface, and the share of them that must: one in three agrees by
+/// chance.
+const AGREES: f64 = 0.7;
+const LEAST_AGREEING: f64 = 0.4;
+/// The same share where all given normals are alike, as a flat sheet's are and those of a program that knows none.
+const LEAST_AGREEING_ALIKE: f64 = 0.9;
+/// Lengths between which a given normal is kept as it is; averages are shorter than one.
+const LENGTHS: std::ops::Range<f64> = 0.5..1.05;
+
+/// What became of the normals given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Settled {
+    /// Whether the signs are known from them.
+    pub(crate) signed: bool,
+    /// They are few, or do not stand on the surface: all are estimated.
+    pub(crate) ignored: bool,
+    /// Missing ones, estimated.
+    pub(crate) estimated: usize,
+}
+
+/// Gives every point a normal: the given one where it can be one, else the estimated. `near` are the neighbours of the
+/// points, where they are known.
+pub(crate) fn settle(cloud: &mut PointCloud, near: Option<&Neighborhoods>) -> Settled {
+    let estimated = match near {
+        Some(near) => normals_of(&cloud.points, near, NORMAL_NEIGHBORS),
+        None => estimate_normals(&cloud.points, NORMAL_NEIGHBORS),
+    };
+    let known = |n: &Vector3<f64>| n.iter().all(|x| x.is_finite()) && n.norm() > 0.0 && n.norm().is_finite();
+    let given = if cloud.has_normals() { cloud.normals.iter().filter(|n| known(n)).count() } else { 0 };
+    if 2 * given < cloud.len().max(1) {
+        cloud.normals = estimated;
+        return Settled { ignored: given > 0, ..Default::default() };
+    }
+    for n in &mut cloud.normals {
+        if known(n) && !LENGTHS.contains(&n.norm()) {
+            *n = n.normalize();
+        }
+    }
+    let mut unlike = cloud.normals.iter().filter(|n| known(n));
+    let first = unlike.next().copied().unwrap_or_default();
+    let alike = unlike.all(|n| (n - first).norm() < 1e-6);
+    let agrees = |(n, e): &(&Vector3<f64>, &Vector3<f64>)| known(n) && n.dot(e).abs() > AGREES * n.norm();
+    let agreeing = cloud.normals.iter().zip(&estimated).filter(agrees).count();
+    let least = if alike { LEAST_AGREEING_ALIKE } else { LEAST_AGREEING };
+    if (agreeing as f64) < least * given as f64 {
+        cloud.normals = estimated;
+        return Settled { ignored: true, ..Default::default() };
+    }
+    let missing: Vec<usize> = (0..cloud.len()).filter(|&i| !known(&cloud.normals[i])).collect();
+    if !missing.is_empty() {
+        fill(cloud, &missing, &estimated, near);
+    }
+    Settled { signed: true, estimated: missing.len(), ..Default::default() }
+}
+
+/// Missing normals as estimated, with the sign of those given nearby.
+fn fill(cloud: &mut PointCloud, missing: &[usize], estimated: &[Vector3<f64>], near: Option<&Neighborhoods>) {
+    let found;
+    let near = match near {
+        Some(near) => near,
+        None => {
+            found = neighborhoods(&cloud.points);
+            &found
+        }
+    };
+    let finite = |n: &Vector3<f64>| if n.iter().all(|x| x.is_finite()) { *n } else { Vector3::zeros() };
+    let filled: Vec<Vector3<f64>> = missing
+        .iter()
+        .map(|&i| {
+            let others = near.ids(i).iter().filter(|&&j| j != u32::MAX);
+            let nearby: Vector3<f64> = others.map(|&j| finite(&cloud.normals[j as usize])).sum();
+            if estimated[i].dot(&nearby) < 0.0 { -estimated[i] } else { estimated[i] }
+        })
+        .collect();
+    missing.iter().zip(filled).for_each(|(&i, normal)| cloud.normals[i] = normal);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+
+    /// A half sphere with its outward normals.
+    fn dome() -> PointCloud {
+        let mut cloud = PointCloud::default();
+        for i in 0..400 {
+            let (z, phi) = (1.0 - (f64::from(i) + 0.5) / 400.0, f64::from(i) * 2.399_963);
+            let r = (1.0 - z * z).sqrt();
+            let normal = Vector3::new(r * phi.cos(), r * phi.sin(), z);
+            cloud.normals.push(normal);
+            cloud.points.push(Point3::from(0.1 * normal));
+        }
+        cloud
+    }
+
+    #[test]
+    fn given_normals_stay_and_missing_ones_follow_their_neighbours() {
+        let truth = dome();
+        let mut cloud = truth.clone();
+        assert_eq!(settle(&mut cloud, None), Settled { signed: true, ..Default::default() });
+        assert_eq!(cloud, truth, "nothing to do");
+        for i in (0..400).step_by(3) {
+            cloud.normals[i] = if i % 2 == 0 { Vector3::zeros() } else { Vector3::repeat(f64::NAN) };
+        }
+        assert_eq!(settle(&mut cloud, None), Settled { signed: true, estimated: 134, ..Default::default() });
+        let off = cloud.normals.iter().zip(&truth.normals).map(|(a, b)| a.dot(b)).fold(1.0, f64::min);
+        assert!(off > 0.9, "the worst is off by {off}");
+        cloud.normals.iter_mut().for_each(|n| *n *= 128.0);
+        settle(&mut cloud, None);
+        assert!(cloud.normals.iter().all(|n| (n.norm() - 1.0).abs() < 1e-9), "of any length");
+    }
+
+    #[test]
+    fn normals_that_do_not_stand_on_the_surface_are_ignored() {
+        let truth = dome();
+        for column in [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]] {
+            let mut cloud = PointCloud { normals: vec![Vector3::from(column); 400], ..truth.clone() };
+            assert!(settle(&mut cloud, None).ignored, "{column:?} everywhere");
+            let off = cloud.normals.iter().zip(&truth.normals).map(|(a, b)| a.dot(b).abs()).fold(1.0, f64::min);
+            assert!(off > 0.9, "estimated: {off}");
+        }
+        let labels = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let mut cloud = PointCloud { normals: (0..400).map(|i| labels[i * 7 % 3]).collect(), ..truth };
+        assert!(settle(&mut cloud, None).ignored, "colours of unit length");
+    }
+
+    #[test]
+    fn a_few_given_ones_tell_nothing() {
+        let mut cloud = dome();
+        cloud.normals[1..].fill(Vector3::zeros());
+        assert_eq!(settle(&mut cloud, None), Settled { ignored: true, ..Default::default() });
+        assert!(cloud.normals.iter().all(|n| (n.norm() - 1.0).abs() < 1e-9));
+    }
+}
