@@ -207,7 +207,6 @@ mod tests {
             ("--scan a --views 3", "--views"),
             ("--scan a --export-scans d", "--export-scans"),
             ("--scan a --intrinsics 1,1,1,1", "--depth"),
-            ("--scan a --pose p", "--depth"),
             ("--depth d --from 1,2,3", "--scan"),
             ("--object m --unit mm", "--unit"),
             ("--scan a --stop-below 2", "share from 0 to 1"),

@@ -309,7 +309,7 @@ fn travel_needs_to_know_from_where() {
 #[test]
 fn scanning_stops_where_the_next_view_is_not_worth_it() {
     let stops = |stop_below| {
-        let config = SessionConfig { stop_below, ..farthest() };
+        let config = SessionConfig { stop_below, ..Default::default() };
         ask(config, vec![scan(cap(3_000), Some(camera()))]).expect("an answer").stop.stop
     };
     assert!(!stops(0.0) && !stops(0.05), "after one scan a view adds much");

@@ -1,5 +1,7 @@
 //! Every way of merging scans into the accumulated cloud.
 
+use crate::config::SessionConfig;
+use crate::scan::PreparedScan;
 use crate::thin;
 use geometry::coverage::matched_surface;
 use geometry::{PointCloud, VoxelOrigin};
@@ -27,6 +29,17 @@ impl Accumulate {
             Self::Thinned | Self::Averaged => VoxelOrigin::World,
         }
     }
+}
+
+/// The points of all scans, thinned.
+pub(crate) fn all_thinned(scans: &[PreparedScan], grid_size: f64, config: &SessionConfig) -> PointCloud {
+    let mut cloud = PointCloud::default();
+    scans.iter().for_each(|scan| cloud.merge(&scan.cloud));
+    if scans.len() == 1 {
+        return cloud;
+    }
+    let kept = thinned(&cloud.points, grid_size, config.max_points, config.seed);
+    thin::select(&cloud, &kept)
 }
 
 /// The cloud and a scan, averaged in voxels of `grid_size` metres.

@@ -18,7 +18,7 @@ use crate::pose::{Pose, world_from_camera};
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
 use crate::{Accumulate, Budget, Evidence, Planner, ScanState};
-use crate::{accumulate, overlap, thin};
+use crate::{accumulate, overlap};
 use geometry::{PointCloud, mean_spacing};
 use nalgebra::{Isometry3, Point3};
 use ranking::{Ranking, rank};
@@ -344,7 +344,7 @@ impl Session {
         let first_spacing = scans[0].spacing;
         let (old, new) = (std::mem::take(&mut self.state.cloud), &scans[index].cloud);
         let cloud = match config.accumulate {
-            Accumulate::Thinned => thinned(scans, first_spacing, config),
+            Accumulate::Thinned => accumulate::all_thinned(scans, first_spacing, config),
             Accumulate::Averaged if new.is_empty() => old,
             Accumulate::Averaged => accumulate::averaged(&old, new, first_spacing, config.accumulate.voxel_origin()),
             Accumulate::Matched => match &mut self.truth {
@@ -383,20 +383,6 @@ impl Session {
             budget: Budget::default(),
         };
     }
-}
-
-/// The points of all scans, thinned.
-fn thinned(scans: &[PreparedScan], grid_size: f64, config: &SessionConfig) -> PointCloud {
-    let mut cloud = PointCloud::default();
-    for scan in scans {
-        cloud.points.extend_from_slice(&scan.cloud.points);
-        cloud.normals.extend_from_slice(&scan.cloud.normals);
-    }
-    if scans.len() == 1 {
-        return cloud;
-    }
-    let kept = accumulate::thinned(&cloud.points, grid_size, config.max_points, config.seed);
-    thin::select(&cloud, &kept)
 }
 
 #[cfg(test)]

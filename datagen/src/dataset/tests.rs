@@ -215,14 +215,3 @@ fn links_that_lead_nowhere_new_are_passed_over() {
     let list = dir.path().to_owned();
     assert!(message(&DatasetConfig { list: Some(list), ..config }).contains("a directory"), "no list");
 }
-
-#[test]
-fn no_two_objects_share_a_name() {
-    let dir = tempfile::tempdir().unwrap();
-    put(dir.path(), &["dup.obj", "dup.OBJ", "Dup.off", "one.off"]);
-    let config = DatasetConfig { name: DatasetName::Folder, root: Some(dir.path().into()), ..Default::default() };
-    assert_eq!(names(&config), ["Dup.off", "dup.OBJ-1", "dup.obj-2", "one"]);
-    put(dir.path(), &["bed/train/b.off", "bed/train/b.OFF"]);
-    let config = DatasetConfig { name: DatasetName::ModelNet40, ..config };
-    assert_eq!(names(&config), ["bed/b.OFF-1", "bed/b.off-2"]);
-}

@@ -80,6 +80,7 @@ impl Planner for RefinedPlanner<'_> {
         for (f, (gain, overlap)) in forecasts.views.iter_mut().zip(others) {
             (f.gain, f.told_gain) = if self.replaced.gain { (gain, gain) } else { (f.gain, f.told_gain) };
             f.overlap = if self.replaced.overlap { overlap } else { f.overlap };
+            f.told_overlap = if self.replaced.overlap { overlap } else { f.told_overlap };
         }
         checked(&self.name, self.inner.rank(&forecasts), PlanError::NoBoundary)
     }

@@ -6,6 +6,9 @@ use crate::doubt;
 use geometry::PointCloud;
 use nalgebra::Point3;
 
+/// Share of the points at one height, the lowest, from which on the object seems to stand there.
+const STANDING: f64 = 0.08;
+
 impl Session {
     /// Holds each scan that was not yet against those before it.
     pub(super) fn compare_scans(&mut self) {
@@ -53,12 +56,15 @@ impl Session {
         {
             let up = self.config.constraints.up();
             let height = |p: &Point3<f64>| p.coords.dot(&up);
-            let lowest = self.state.cloud.points.iter().map(height).fold(f64::INFINITY, f64::min);
+            let points = &self.state.cloud.points;
+            let lowest = points.iter().map(height).fold(f64::INFINITY, f64::min);
+            let layer = 2.0 * self.config.tolerance_m.max(self.state.grid_size);
+            let standing = points.iter().filter(|p| height(p) < lowest + layer).count() as f64;
             let camera = height(&Point3::from(next.position_m));
-            if camera < lowest {
+            if camera < lowest && standing > STANDING * points.len() as f64 {
                 doubts.push(format!(
-                    "the camera would be {} below the lowest measured point: if the object stands on something, give \
-                     constraints.floor_height_m",
+                    "the camera would be {} below the lowest measured points, a plane that the object seems to stand on: if \
+                     so, constraints.floor_height_m={lowest:.3}",
                     length(lowest - camera)
                 ));
             }
