@@ -22,6 +22,7 @@ pub struct Object {
 }
 
 /// What there is of an object.
+#[allow(clippy::large_enum_variant, reason = "a few per run")]
 pub enum Body {
     /// Itself, in the simulator.
     Mesh(Meshed),

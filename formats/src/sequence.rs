@@ -138,7 +138,10 @@ fn check(path: &Path, described: &Described) -> Result<(), FormatError> {
             return wrong(key, value.to_string(), "a positive number");
         }
     }
-    if let Some([low, high]) = described.region_m.filter(|[low, high]| (0..3).any(|k| !(low[k] < high[k]))) {
+    if let Some([low, high]) = described
+        .region_m
+        .filter(|[low, high]| (0..3).any(|k| low[k].partial_cmp(&high[k]) != Some(std::cmp::Ordering::Less)))
+    {
         return wrong("region_m", format!("{:?}", [low, high]), "smallest and largest corner");
     }
     if described.scans.len() < 2 {

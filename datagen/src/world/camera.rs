@@ -8,6 +8,7 @@ use geometry::{DepthImage, PinholeCamera, View};
 use nalgebra::{Isometry3, Point3};
 
 /// What stands before the planner.
+#[allow(clippy::large_enum_variant, reason = "one per episode")]
 pub(crate) enum ScanCamera<'a> {
     /// A camera in its scene.
     Simulated { scene: &'a Scene, config: &'a EpisodeConfig, scratch: RenderScratch, pose_error: Option<PoseError> },

@@ -58,7 +58,7 @@ impl Order {
 /// The scan that episode `number` starts with: the next episode starts far away, and as many as there are scans start with
 /// each.
 pub fn start(number: usize, scans: usize) -> usize {
-    let coprime = |stride: &usize| (2..=*stride).all(|d| stride % d != 0 || scans % d != 0);
+    let coprime = |stride: &usize| (2..=*stride).all(|d| !stride.is_multiple_of(d) || !scans.is_multiple_of(d));
     let near = (0.382 * scans as f64).round() as usize;
     let stride = (near.max(1)..=scans.max(1)).find(coprime).unwrap_or(1);
     number * stride % scans.max(1)

@@ -134,7 +134,8 @@ fn damaged_files_lead_to_a_pose_or_a_refusal() {
         let start = Instant::now();
         let outcome = std::panic::catch_unwind(|| next_view(name, &bytes).is_some());
         if outcome.is_err() || start.elapsed() > LONGEST {
-            let kept = std::env::temp_dir().join(format!("to_pose-{i}-{name}"));
+            let target = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target");
+            let kept = target.join(format!("to_pose-{i}-{name}"));
             std::fs::write(&kept, &bytes).expect("kept");
             panic!("{name}, file {i}: panicked or took {:?}; kept as {kept:?}", start.elapsed());
         }
