@@ -231,48 +231,4 @@ pub fn utc(time: SystemTime) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn utc_knows_the_calendar() {
-        let at = |s| utc(UNIX_EPOCH + Duration::from_secs(s));
-        assert_eq!(at(0), "1970-01-01T00:00:00Z");
-        assert_eq!(at(951_782_400), "2000-02-29T00:00:00Z");
-        assert_eq!(at(1_709_251_199), "2024-02-29T23:59:59Z");
-        assert_eq!(at(4_102_444_800), "2100-01-01T00:00:00Z");
-    }
-
-    #[test]
-    fn a_failed_write_leaves_the_old_file_and_no_litter() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("deep/er/a.bin");
-        atomic_write(&path, b"old").unwrap();
-        let broken = atomic_write_with(&path, |w| {
-            w.write_all(b"half")?;
-            Err(std::io::Error::from(std::io::ErrorKind::StorageFull))
-        });
-        assert!(matches!(broken, Err(FormatError::Io { .. })));
-        assert_eq!(std::fs::read(&path).unwrap(), b"old");
-        let names: Vec<_> = std::fs::read_dir(path.parent().unwrap()).unwrap().collect();
-        assert_eq!(names.len(), 1, "{names:?}");
-        let long = dir.path().join("deep/er").join("ü".repeat(127));
-        atomic_write(&long, b"a name of 254 bytes").unwrap();
-        std::fs::remove_file(&long).unwrap();
-        std::fs::write(path.with_file_name(".a.bin.x1.tmp"), b"left over").unwrap();
-        remove_temporaries(&path);
-        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
-    }
-
-    #[test]
-    fn the_newest_run_is_found_by_its_marker() {
-        let dir = tempfile::tempdir().unwrap();
-        assert_eq!(newest(dir.path(), "manifest.json"), None);
-        for name in ["a", "b"] {
-            atomic_write(&dir.path().join(name).join("manifest.json"), b"{}").unwrap();
-            std::thread::sleep(Duration::from_millis(15));
-        }
-        std::fs::create_dir(dir.path().join("c")).unwrap();
-        assert_eq!(newest(dir.path(), "manifest.json"), Some(dir.path().join("b")));
-    }
-}
+mod tests;

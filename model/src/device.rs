@@ -130,18 +130,4 @@ mod gpu {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_known_or_explained() {
-        assert!(open("cpu").is_ok());
-        assert!(open("gpu").unwrap_err().to_string().contains("unknown device `gpu`; this program has: cpu"));
-        for name in NAMES {
-            if !compiled_in().contains(&name) {
-                let text = open(name).unwrap_err().to_string();
-                assert!(text.contains(&format!("--features {name}")), "{text}");
-            }
-        }
-    }
-}
+mod tests;

@@ -336,44 +336,4 @@ fn like(name: &str) -> Option<String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_listed_name_is_one_and_stays_as_written() {
-        let listed = POLICIES.iter().chain(RECORDED_POLICIES).map(|(name, _)| *name);
-        for name in listed.chain(PAPER_POLICIES.iter().copied()) {
-            let policy: Policy = name.parse().unwrap_or_else(|e| panic!("{e}"));
-            assert_eq!(policy.to_string(), name);
-        }
-        let kind = |name: &str| name.parse::<Policy>().map(|p| p.kind);
-        assert_eq!(kind("random-sphere:1.50"), Ok(Kind::RandomSphere(Radius::Fixed(1.5))));
-        assert_eq!(kind("benbv-net:a:b"), Ok(Kind::BenbvNet(Some("a:b".into()))));
-        assert_eq!(kind("farthest:60"), Ok(Kind::FarthestAmong(60)));
-        assert_eq!(kind("farthest:1.5"), Ok(Kind::FarthestOnSphere(Radius::Fixed(1.5))));
-        assert_eq!(kind("oracle"), kind("oracle:60"));
-        let gain = Refined { source: Source::Shifted, gain: true, overlap: false };
-        assert_eq!(kind("volumetric:shifted-gain"), Ok(Kind::Volumetric(Some(gain))));
-        let oracle = Kind::Oracle { among: Among::Candidates(60), radius: Radius::Working, min_overlap: 0.3 };
-        assert_eq!(kind("oracle:60:0.3"), Ok(oracle));
-    }
-
-    #[test]
-    fn bad_names_are_refused_with_the_way_out() {
-        let message = |name: &str| name.parse::<Policy>().expect_err(name).to_string();
-        let unknown = message("bnbv");
-        assert!(unknown.contains("did you mean \"benbv\"?") && unknown.contains("--list-policies"), "{unknown}");
-        assert!(message("random-shpere:1.5").contains("did you mean \"random-sphere:1.5\"?"));
-        assert!(!message("quite-another-thing").contains("did you mean"));
-        assert!(message("benbv:many").contains("multiple"));
-        assert!(message("random-sphere:-1").contains("radius") && message("random-33:inf").contains("radius"));
-        assert!(message("see:fast").contains("r010"));
-        assert!(
-            message("auto:images").contains("camera-positions") && message("random:2").contains("expected nothing")
-        );
-        assert!(message("pc-nbv:fast").contains("paper"));
-        assert!(message("random-boundary:2").contains("expected nothing"));
-        assert!(message("volumetric:best").contains("learned") && message("volumetric:true-x").contains("learned"));
-        assert!(message("oracle:60:x").contains("overlap"));
-    }
-}
+mod tests;

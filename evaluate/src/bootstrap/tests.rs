@@ -1,0 +1,63 @@
+use super::*;
+use crate::metrics::tests::record;
+
+#[test]
+fn the_interval_of_a_mean_is_that_of_theory() {
+    let mut rng = stream(3, "normal");
+    let list: Vec<_> = (0..100)
+        .map(|e| {
+            let sum: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+            record("a", "p", e, &[0.5 + 0.05 * sum], &[])
+        })
+        .collect();
+    let column = Runs::of(&list, "p").column(Figure::FinalCoverage, 17);
+    let found = mean_interval(&column, &draws(&column.sizes(), Over::Episodes, 4000, 1)).unwrap();
+    let half = 1.96 * column.standard_error().unwrap();
+    assert!((found.value - found.low - half).abs() < 0.15 * half, "{found:?} against +-{half}");
+    assert!((found.high - found.value - half).abs() < 0.15 * half);
+}
+
+#[test]
+fn pairing_removes_what_both_share() {
+    // Each episode's difficulty moves both policies alike; the second is always half a point better.
+    let mut rng = stream(4, "pairs");
+    let list: Vec<_> = (0..40)
+        .flat_map(|e| {
+            let c = rng.random_range(0.5..0.9);
+            [record("a", "p", e, &[c], &[]), record("a", "q", e, &[c + 0.005], &[])]
+        })
+        .collect();
+    let (p, q) = (Runs::of(&list, "p"), Runs::of(&list, "q"));
+    let d = difference(&q, &p, Figure::FinalCoverage, 17, Over::Episodes, 500, 0).unwrap();
+    assert!((d.low - 0.5).abs() < 1e-9 && (d.high - 0.5).abs() < 1e-9, "{d:?}");
+}
+
+#[test]
+fn a_closure_is_the_share_of_the_gap() {
+    let policy = |name: &str, views: usize| -> Vec<_> {
+        let mut coverages = vec![0.5; views];
+        coverages.extend(vec![0.9; 8 - views]);
+        (0..6).map(|e| record("a", name, e, &coverages, &[])).collect()
+    };
+    let list = [policy("best", 6), policy("leader", 3), policy("level", 4)].concat();
+    let runs = |name| Runs::of(&list, name);
+    let [best, leader, level] = [runs("best"), runs("leader"), runs("level")];
+    let mean = |r: &Runs, figure| r.column(figure, 17).mean();
+    let e = |r: &Runs| efficiency(mean(r, Figure::FinalCoverage), mean(r, Figure::ViewsTo(90))).unwrap();
+    let found = gap_closure(&level, &best, &leader, 17, 100, 0).unwrap();
+    let expected = (e(&level) - e(&best)) / (e(&leader) - e(&best));
+    assert!((0.1..0.9).contains(&expected) && (found.value - expected).abs() < 1e-12, "{found:?}, {expected}");
+    let lead = efficiency_lead(&leader, &best, 17, 100, 0).unwrap();
+    assert!((lead.value - (e(&leader) - e(&best))).abs() < 1e-12 && lead.low > 0.0, "{lead:?}");
+}
+
+#[test]
+fn objects_drawn_again_widen_the_interval() {
+    let list: Vec<_> = (0..5)
+        .flat_map(|o| (0..20).map(move |e| record(&format!("o{o}"), "p", e, &[0.5 + 0.1 * o as f64], &[])))
+        .collect();
+    let column = Runs::of(&list, "p").column(Figure::FinalCoverage, 17);
+    let over = |over| mean_interval(&column, &draws(&column.sizes(), over, 1000, 0)).unwrap();
+    assert_eq!(over(Over::Episodes).low, over(Over::Episodes).high, "episodes of an object do not differ here");
+    assert!(over(Over::Objects).high - over(Over::Objects).low > 10.0);
+}

@@ -1,0 +1,44 @@
+use super::*;
+
+#[test]
+fn the_command_line_is_consistent() {
+    use clap::CommandFactory;
+    Args::command().debug_assert();
+    let words = "infer --scan a b --from -1,0,2 0,-1,0 --json --depth d --pose -1,0,0,0,0,0,1 --misses free";
+    let args = Args::from_command_line(words.split(' ').map(OsString::from)).expect("negative numbers are values");
+    assert_eq!((args.scan.len(), &args.from[..]), (2, &[[-1., 0., 2.], [0., -1., 0.]][..]), "as given");
+    assert!(args.json && args.pose.len() == 1 && args.misses == Some(Misses::Free), "flags stay flags");
+}
+
+#[test]
+fn flags_that_do_nothing_are_refused() {
+    for (words, said) in [
+        ("--http 127.0.0.1:0 --scan a", "--http"),
+        ("--serve --json", "--json"),
+        ("--scan a --views 3", "--views"),
+        ("--scan a --export-scans d", "--export-scans"),
+        ("--scan a --intrinsics 1,1,1,1", "--depth"),
+        ("--depth d --from 1,2,3", "--scan"),
+        ("--object m --unit mm", "--unit"),
+        ("--scan a --stop-below 2", "share from 0 to 1"),
+        ("--scan a --distance -1", "length above 0"),
+        ("--scan a --seed -1", "whole number"),
+    ] {
+        let error = Args::from_command_line(["infer"].into_iter().chain(words.split(' ')).map(OsString::from));
+        let text = error.expect_err(words).to_string();
+        assert!(text.contains(said), "{words}: {text}");
+    }
+}
+
+#[test]
+fn numbers_are_refused_with_the_reason() {
+    assert_eq!(numbers::<3>("1, 2,-3e-1"), Ok([1.0, 2.0, -0.3]), "spaces are harmless");
+    assert!(numbers::<3>("1,2").expect_err("two").contains("2 numbers, expected 3"), "count");
+    assert!(numbers::<3>("1,x,3").expect_err("x").contains("\"x\""), "which");
+    assert!(numbers::<3>("1,nan,3").is_err() && numbers::<3>("1,inf,3").is_err(), "finite only");
+    assert_eq!(distances("0.6..1.2"), Ok((0.6, 1.2)), "a range");
+    for bad in ["near", "-1", "0", "0.5..-1", "inf"] {
+        assert!(distances(bad).expect_err(bad).contains("length above 0"), "{bad}");
+    }
+    assert!(distances("2..1").is_err(), "falling");
+}

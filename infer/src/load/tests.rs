@@ -1,0 +1,153 @@
+use super::*;
+use formats::cloud::Grid;
+use geometry::{DepthImage, PointCloud};
+
+fn organised(camera: &PinholeCamera, pose: &Isometry3<f64>) -> CloudFile {
+    let mut file = CloudFile::default();
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let mut pixels = Vec::new();
+    for i in (0..width * height).filter(|i| i % 7 != 0) {
+        let (column, row) = ((i % width) as f64, (i / width) as f64);
+        let z = 1.0 + 0.2 * (column * 0.1).sin() + 0.001 * row;
+        file.cloud.points.push(pose * camera.unproject(column, row, z));
+        pixels.push(i as u32);
+    }
+    file.grid = Some(Grid { width, height, pixels });
+    file
+}
+
+#[test]
+fn an_organised_cloud_is_a_depth_image() {
+    let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+    let pose = Isometry3::new(nalgebra::Vector3::new(1.0, 2.0, 3.0), nalgebra::Vector3::new(0.3, 0.2, 0.1));
+    let moved = CloudFile { viewpoint: Some(pose), ..organised(&camera, &pose) };
+    for (file, expected) in [(organised(&camera, &Isometry3::identity()), Isometry3::identity()), (moved, pose)] {
+        let points = file.cloud.points.clone();
+        let loaded = from_cloud_file(file, None);
+        assert_eq!(loaded.reading.notes, Vec::<String>::new());
+        let Scan::Depth { camera: found, depth, world_from_camera, misses } = loaded.scan else {
+            panic!("a depth image was expected");
+        };
+        assert!((found.fx - 55.0).abs() < 1e-6 && (found.cy - 25.5).abs() < 1e-6, "{found:?}");
+        assert_eq!((world_from_camera, misses), (expected, Misses::Unknown));
+        let back = depth.to_points(&found, &world_from_camera);
+        assert_eq!(back.len(), points.len());
+        assert!(back.iter().zip(&points).all(|(a, b)| (a - b).norm() < 1e-5), "the points come back");
+    }
+}
+
+#[test]
+fn named_files_are_regular_and_keep_their_secrets() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("secret.xyz");
+    std::fs::write(&path, "x y z\nhunter2 is the password").expect("a file");
+    let read = |path: &Path| named_cloud(path, &named_bytes(path)?, None, None);
+    let error = format!("{:#}", read(&path).expect_err("no cloud"));
+    assert!(error.contains("secret.xyz") && !error.contains("hunter2"), "{error}");
+    std::fs::write(&path, "1 2 3\n").expect("a file");
+    assert!(read(&path).is_ok());
+    for device in [Path::new("/dev/zero"), folder.path()] {
+        let error = format!("{:#}", read(device).expect_err("no file"));
+        assert!(error.contains("not a regular file"), "{error}");
+    }
+}
+
+#[test]
+fn a_cloud_of_another_geometry_stays_a_cloud() {
+    let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+    let mut file = organised(&camera, &Isometry3::identity());
+    file.cloud.points.iter_mut().for_each(|p| p.x += 0.3);
+    assert!(
+        matches!(from_cloud_file(file, Some(Unit::M)).scan, Scan::Cloud { from: None, .. }),
+        "shifted: not from the origin"
+    );
+    let flat = PointCloud { points: vec![Point3::new(1.0, 2.0, 3.0)], normals: Vec::new() };
+    let file = CloudFile { cloud: flat, ..Default::default() };
+    let Scan::Cloud { cloud, .. } = from_cloud_file(file, Some(Unit::Mm)).scan else { panic!("a cloud was expected") };
+    assert_eq!(cloud.points, vec![Point3::new(0.001, 0.002, 0.003)], "millimetres become metres");
+}
+
+#[test]
+fn a_position_that_an_organised_cloud_contradicts_is_said() {
+    let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+    let file = || from_cloud_file(organised(&camera, &Isometry3::identity()), Some(Unit::Mm));
+    let notes = |from| file().seen_from(Some(from)).reading.notes;
+    assert!(notes([1000.0, 2.0, 3.0])[0].contains("camera at (0.000, 0.000, 0.000)"));
+    assert!(notes([0.0, 0.5, 0.0]).is_empty() && file().seen_from(None).reading.notes.is_empty());
+    let cloud = CloudFile { grid: None, ..organised(&camera, &Isometry3::identity()) };
+    let Loaded { scan, reading } = from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some([1000.0, 0.0, 0.0]));
+    assert_eq!((scan.camera_position(), reading.notes.len()), (Some(Point3::new(1.0, 0.0, 0.0)), 0));
+}
+
+#[test]
+fn pixels_at_the_sensor_are_misses() {
+    let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+    let pose = Isometry3::translation(1.0, 2.0, 3.0);
+    let mut file = CloudFile { viewpoint: Some(pose), ..organised(&camera, &pose) };
+    file.cloud.points[..99].fill(Point3::new(1.0, 2.0, 3.0));
+    let Loaded { scan, reading } = from_cloud_file(file, None);
+    let Scan::Depth { depth, .. } = scan else { panic!("a depth image was expected") };
+    assert_eq!(depth.depth.iter().filter(|&&z| z > 0.0).count(), 64 * 48 - (64 * 48usize).div_ceil(7) - 99);
+    assert!(reading.notes[0].contains("99 points where the sensor was"), "{:?}", reading.notes);
+}
+
+#[test]
+fn the_unit_asked_for_holds_else_the_one_named() {
+    let file = |unit| {
+        let cloud = PointCloud { points: vec![Point3::new(1.0, 2.0, 3.0)], normals: Vec::new() };
+        from_cloud_file(CloudFile { cloud, metres_per_unit: Some(0.01), ..Default::default() }, unit)
+    };
+    for (unit, x, said) in [(None, 0.01, "as its columns say"), (Some(Unit::M), 1.0, "as asked (--unit)")] {
+        let Loaded { scan: Scan::Cloud { cloud, .. }, reading } = file(unit) else { panic!("a cloud was expected") };
+        assert_eq!((cloud.points[0].x, reading.metres_per_unit), (x, Some(x)));
+        assert!(reading.notes[0].contains(said), "{:?}", reading.notes);
+    }
+}
+
+#[test]
+fn a_principal_point_outside_is_said() {
+    let notes = |size: [u32; 2], intrinsics| {
+        let image = DepthImage { origin: [0, 0], size, depth: vec![0.0; (size[0] * size[1]) as usize] };
+        let file = DepthFile { image, notes: Vec::new() };
+        from_depth_file(file, intrinsics, Isometry3::identity(), Misses::Unknown).map(|loaded| loaded.reading.notes)
+    };
+    assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("lies outside"));
+    assert!(notes([64, 48], [60.0, 60.0, 16.0, 12.0]).expect("read")[0].contains("far from its middle"));
+    assert!(notes([32, 24], [30.0, 30.0, 16.0, 12.0]).expect("read").is_empty());
+    assert!(notes([32, 24], [30.0, 30.0, 12.0, 16.0]).expect("read").is_empty(), "cut out of a larger one");
+    assert!(notes([32, 24], [30.0, 0.0, 16.0, 12.0]).is_err() && notes([32, 24], [30.0, 30.0, f64::NAN, 1.0]).is_err());
+    assert!(depth_bytes("a.png", b"", Some(0.0)).expect_err("no unit").to_string().contains("metres_per_unit"));
+}
+
+#[test]
+fn one_pose_of_several_is_asked_for_by_name_or_number() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("poses.log");
+    let matrix = |z: i32| format!("1 0 0 0\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
+    std::fs::write(&path, format!("5 5 6\n{}6 6 7\n{}", matrix(3), matrix(4))).expect("written");
+    let at =
+        |suffix: &str| poses::read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
+    assert_eq!((at(":0").ok(), at(":1").ok(), at(":6").ok()), (Some(3.0), Some(4.0), Some(4.0)));
+    let several = format!("{:#}", at("").expect_err("which?"));
+    assert!(several.contains("found 2 poses") && several.contains("poses.log:0 to 1"), "{several}");
+    assert!(format!("{:#}", at(":9").expect_err("none")).contains("no such pose among the 2"));
+    assert_eq!(poses(&path).expect("both").len(), 2);
+    let conf = dir.path().join("bun.conf");
+    std::fs::write(&conf, "bmesh a.ply 0 0 0 0 0 0 1\n").expect("written");
+    assert!(poses(&conf).expect_err("scans").to_string().contains("place range images"));
+}
+
+#[test]
+fn a_cloud_takes_the_position_of_its_pose_and_lies_ahead() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let (cloud, pose) = (dir.path().join("a.xyz"), dir.path().join("pose.txt"));
+    std::fs::write(&cloud, "0 0 1\n0.1 0 1\n0 0.1 1\n0 0 -1\n").expect("written");
+    let rows = |z: i32| format!("1 0 0 0.5\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
+    std::fs::write(&pose, rows(0)).expect("written");
+    let text = pose.display().to_string();
+    let loaded = cloud_from(&cloud, None, &text).expect("ahead");
+    assert_eq!(loaded.scan.camera_position(), Some(Point3::new(0.5, 0.0, 0.0)));
+    std::fs::write(&pose, rows(2)).expect("written");
+    let error = cloud_from(&cloud, None, &text).expect_err("behind").to_string();
+    assert!(error.contains("0 % of the points") && error.contains("the inverse"), "{error}");
+}
