@@ -30,9 +30,6 @@ pub struct Missing {
     pub holes: Vec<Hole>,
 }
 
-/// Holes under this share of the whole are not listed.
-const LISTED: f64 = 1e-3;
-
 impl Stop {
     /// From the most that any candidate which may be taken is predicted to add, whatever its rank.
     pub fn judge(candidates: &[Candidate], stop_below: f64) -> Self {
@@ -81,7 +78,6 @@ impl Missing {
         }
         let out_of_reach_share = holes.iter().map(|h| h.share * (1.0 - h.within_reach)).sum::<f64>().min(share);
         let within = 1.0 - out_of_reach_share / share;
-        holes.retain(|h| h.share >= LISTED);
         let between = [low, high].map(|x| x * within);
         let missing = Self { share: share * within, between, out_of_reach_share, holes };
         (missing, Surface { known_m2: surface.known_m2, expected_m2: whole - surface.known_m2 })

@@ -27,8 +27,8 @@ pub fn thin(points: &[Point3<f64>], radius: f64) -> Vec<usize> {
     let radius2 = radius * radius;
     for (i, p) in points.iter().enumerate() {
         let at = [0, 1, 2].map(|k| (p[k] - origin[k]) / cell);
-        let home = at.map(|x| x.floor() as i64);
-        let other = [0, 1, 2].map(|k| if at[k] - at[k].floor() < 0.5 { -1 } else { 1 });
+        let home = at.map(floor);
+        let other = [0, 1, 2].map(|k| if at[k] - (home[k] as f64) < 0.5 { -1 } else { 1 });
         let taken = (0..8).any(|corner| {
             let near = [0, 1, 2].map(|k| home[k].saturating_add(if corner >> k & 1 == 1 { other[k] } else { 0 }));
             let mut next = last_kept.get(&near.into()).copied().unwrap_or(NONE);
@@ -43,6 +43,12 @@ pub fn thin(points: &[Point3<f64>], radius: f64) -> Vec<usize> {
         }
     }
     kept
+}
+
+/// [`f64::floor`] as an integer: that is a call into the C library where the build may not count on SSE 4.1.
+fn floor(x: f64) -> i64 {
+    let toward_zero = x as i64;
+    toward_zero - i64::from(x < toward_zero as f64)
 }
 
 /// No kept point.

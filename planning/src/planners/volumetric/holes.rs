@@ -1,16 +1,19 @@
 //! What is missing: the membrane in connected pieces, why no scan has measured each, and whether a view that may be taken
 //! sees it.
 
-use super::VolumetricPlanner;
 use super::grid::VoxelGrid;
 use super::march::{Hit, Marcher};
+use super::{Surface, VolumetricPlanner};
 use crate::{PastScan, ScanState, Seen};
 use geometry::{PinholeCamera, View};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Voxels of a hole that are looked at, at most.
-const SAMPLES: usize = 48;
+/// Voxels of the membrane that are looked at, about, and of a hole at least and at most.
+const SAMPLES: f64 = 96.0;
+const OF_A_HOLE: [f64; 2] = [4.0, 48.0];
+/// Pieces under this share of the whole are no holes.
+const LISTED: f64 = 1e-3;
 /// Directions from which each is looked at where no candidate sees it.
 const DIRECTIONS: usize = 24;
 /// A ray shows a voxel if it ends within this many voxels of its middle.
@@ -74,13 +77,20 @@ pub struct Allowed<'a> {
 }
 
 impl VolumetricPlanner {
-    /// The holes of the surface as it was at the last decision, largest first.
+    /// The holes of the surface as it was at the last decision, from a thousandth of the whole on, largest first.
     pub fn holes(&self, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let total = (self.surface.known_m2 + self.surface.expected_m2).max(f64::MIN_POSITIVE);
+        let voxel = grid.voxel * grid.voxel;
+        let area = |piece: &Vec<usize>| voxel * piece.iter().map(|&k| grid.expected[k].area()).sum::<f64>();
+        let mut pieces = pieces(grid);
+        pieces.retain(|piece| area(piece) >= LISTED * total);
+        if pieces.is_empty() {
+            return Vec::new();
+        }
         let marcher = Marcher::new(grid, self.carves);
-        let mut holes: Vec<Hole> =
-            pieces(grid).into_iter().map(|piece| describe(&marcher, state, allowed, &piece, total)).collect();
+        let describe = |piece: &Vec<usize>| describe(&marcher, state, allowed, piece, self.surface);
+        let mut holes: Vec<Hole> = pieces.iter().map(describe).collect();
         holes.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
         holes
     }
@@ -115,7 +125,7 @@ fn pieces(grid: &VoxelGrid) -> Vec<Vec<usize>> {
     pieces
 }
 
-fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[usize], total: f64) -> Hole {
+fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[usize], whole: Surface) -> Hole {
     let grid = marcher.grid();
     let voxels: Vec<Spot> = piece.iter().map(|&k| Spot::of(grid, k)).collect();
     let area: f64 = voxels.iter().map(|v| v.area).sum();
@@ -124,7 +134,8 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
     let center = voxels.iter().min_by(|a, b| from_mean(a).total_cmp(&from_mean(b))).map_or(mean.into(), |v| v.point);
     let normal = voxels.iter().map(|v| v.normal * v.area).sum::<Vector3<f64>>().try_normalize(1e-3 * area);
     let farthest = voxels.iter().map(|v| (v.point - center).norm()).fold(0.0, f64::max);
-    let samples: Vec<&Spot> = voxels.iter().step_by(voxels.len().div_ceil(SAMPLES)).collect();
+    let looked_at = (SAMPLES * area / whole.expected_m2).clamp(OF_A_HOLE[0], OF_A_HOLE[1]) as usize;
+    let samples: Vec<&Spot> = voxels.iter().step_by(voxels.len().div_ceil(looked_at)).collect();
     let count = |seen: &[bool]| seen.iter().filter(|s| **s).count();
     let mut reached = vec![false; samples.len()];
     let mut best: Option<(usize, usize)> = None;
@@ -149,7 +160,7 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
         normal: normal.unwrap_or_default().into(),
         size_m: 2.0 * farthest + grid.voxel,
         area_m2: area,
-        share: area / total,
+        share: area / (whole.known_m2 + whole.expected_m2),
         unseen: why(marcher, &samples, state),
         within_reach: count(&reached) as f64 / samples.len().max(1) as f64,
         best_candidate: best.map(|(rank, _)| rank),

@@ -67,6 +67,7 @@ impl<'a> Marcher<'a> {
     }
 
     /// Follows a ray of unit direction from `near` to `far` (voxels from the eye).
+    #[inline(always)]
     pub(super) fn follow(&self, eye: &[f32; 3], ray: &[f32; 3], near: f32, far: f32) -> Hit<'a> {
         let grid = self.grid;
         let side = grid.side;
