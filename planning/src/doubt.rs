@@ -10,8 +10,10 @@ const FARTHEST: f64 = 100.0;
 /// Share of the points that must be seen from the camera: 95 % of simulated scans are over 0.81.
 const SEEN: f64 = 0.6;
 /// The density of points speaks clearly for one side of the surface with at most this misfit and this ratio to the other:
-/// 1 % are wrong ([`crate::estimate`]).
-const CLEAR: [f64; 2] = [0.1, 0.65];
+/// one of 200 is wrong ([`crate::estimate`]).
+const CLEAR: [f64; 2] = [0.08, 0.5];
+/// Points that have a density to tell.
+const LEAST: usize = 300;
 /// Points that are asked about the density, and about the fit to other scans.
 const ASKED: usize = 1_500;
 
@@ -64,6 +66,9 @@ pub fn of_position(
     let seen = unhidden(cloud, from, spacing);
     if seen < SEEN {
         return Some(PositionDoubt::Hidden(1.0 - seen));
+    }
+    if cloud.len() < LEAST {
+        return None;
     }
     let outward = away.normalize();
     let told = direction_by_density(cloud, measured, &outward, away.norm(), spacing, ASKED)?;

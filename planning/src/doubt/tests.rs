@@ -103,3 +103,12 @@ fn a_view_below_the_table_is_warned_of() {
     assert!(!warned(false, None), "nothing tells of a table");
     assert!(!warned(true, Some(-2.0)), "the user said where it is");
 }
+
+#[test]
+fn few_points_have_no_density_to_doubt_by() {
+    let mut cloud = dome();
+    cloud.normals = cloud.normals.iter().step_by(40).copied().collect();
+    cloud.points = cloud.points.iter().step_by(40).copied().collect();
+    assert!(cloud.len() < 300);
+    assert_eq!(of_position(&cloud, &cloud.points, &Point3::new(0.0, 0.0, -1.2), 1.2, 0.02), None);
+}
