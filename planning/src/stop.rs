@@ -83,3 +83,32 @@ impl Missing {
         (missing, Surface { known_m2: surface.known_m2, expected_m2: whole - surface.known_m2 })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planners::volumetric::Unseen;
+
+    #[test]
+    fn what_is_told_is_what_objects_lacked_where_the_membrane_made_out_as_much() {
+        let hole = |share, within_reach| Hole {
+            center_m: [0.0; 3],
+            normal: [0.0; 3],
+            size_m: 0.1,
+            area_m2: share,
+            share,
+            unseen: Unseen::FacesAway,
+            within_reach,
+            best_candidate: None,
+        };
+        let surface = Surface { known_m2: 0.575, expected_m2: 0.425 };
+        let (missing, told) = Missing::of(vec![hole(0.325, 1.0), hole(0.1, 0.0)], &surface);
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+        near(missing.share + missing.out_of_reach_share, 0.669);
+        near(missing.out_of_reach_share, 0.669 * 0.1 / 0.425);
+        near(missing.holes.iter().map(|h| h.share).sum(), 0.669);
+        near(told.expected_m2 / (told.known_m2 + told.expected_m2), 0.669);
+        near(missing.holes.iter().map(|h| h.area_m2).sum(), told.expected_m2);
+        assert!(missing.between[0] < missing.share && missing.share < missing.between[1], "{missing:?}");
+    }
+}
