@@ -98,16 +98,23 @@ impl Offset {
 pub fn offset(old: &PointCloud, new: &PointCloud, tolerance: f64, spacing: f64) -> Option<Offset> {
     let reach = (6.0 * tolerance).max(4.0 * spacing);
     let grid = NeighborGrid::new(&old.points, reach);
-    // The nearest other point, and how far it is along the normal of this one.
-    let along = |points: &[Point3<f64>], p: &Point3<f64>, n: &Vector3<f64>, grid: &NeighborGrid, own: bool| {
+    // Not beyond the edge of the other scan, where a curved surface leads away from its nearest points.
+    let beside = 2.0 * spacing;
+    // How far the nearest other point of the same side of the surface is along the normal of this one.
+    let along = |cloud: &PointCloud, p: &Point3<f64>, n: &Vector3<f64>, grid: &NeighborGrid, own: bool| {
+        let n = n.try_normalize(0.0)?;
         let (mut least, mut found) = (reach * reach, None);
         grid.for_each_within(p, reach, |j| {
-            let d2 = (points[j] - p).norm_squared();
-            if d2 < least && !(own && d2 == 0.0) {
-                (least, found) = (d2, Some(j));
+            let d = cloud.points[j] - p;
+            let d2 = d.norm_squared();
+            let same_side = cloud.normals.get(j).is_some_and(|m| n.dot(m) > 0.5 * m.norm());
+            if d2 < least && same_side && !(own && d2 == 0.0) {
+                (least, found) = (d2, Some(d));
             }
         });
-        Some((n.try_normalize(0.0)?.dot(&(points[found?] - p))).abs())
+        let d = found?;
+        let apart = n.dot(&d);
+        ((d - n * apart).norm() <= beside).then_some(apart.abs())
     };
     let few = |cloud: &PointCloud| {
         let step = cloud.len().div_ceil(ASKED).max(1);
@@ -115,10 +122,10 @@ pub fn offset(old: &PointCloud, new: &PointCloud, tolerance: f64, spacing: f64) 
     };
     let asked = few(new);
     let mut apart: Vec<f64> =
-        asked.iter().filter_map(|&i| along(&old.points, &new.points[i], new.normals.get(i)?, &grid, false)).collect();
+        asked.iter().filter_map(|&i| along(old, &new.points[i], new.normals.get(i)?, &grid, false)).collect();
     let own = NeighborGrid::new(&new.points, reach);
     let mut noise: Vec<f64> =
-        asked.iter().filter_map(|&i| along(&new.points, &new.points[i], new.normals.get(i)?, &own, true)).collect();
+        asked.iter().filter_map(|&i| along(new, &new.points[i], new.normals.get(i)?, &own, true)).collect();
     let shared = apart.len() as f64 / asked.len().max(1) as f64;
     Some(Offset { apart_m: median(&mut apart)?, noise_m: median(&mut noise)?, shared })
 }

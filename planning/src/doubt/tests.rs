@@ -112,3 +112,18 @@ fn few_points_have_no_density_to_doubt_by() {
     assert!(cloud.len() < 300);
     assert_eq!(of_position(&cloud, &cloud.points, &Point3::new(0.0, 0.0, -1.2), 1.2, 0.02), None);
 }
+
+#[test]
+fn scans_that_meet_at_their_edges_fit() {
+    // Two caps of one ball, of which the second begins a little before the first ends.
+    let whole = dome();
+    let part = |keep: fn(&Point3<f64>) -> bool| {
+        let kept: Vec<usize> = (0..whole.len()).filter(|&i| keep(&whole.points[i])).collect();
+        crate::thin::select(&whole, &kept)
+    };
+    let (left, right) = (part(|p| p.x < 0.003), part(|p| p.x > 0.0));
+    if let Some(found) = offset(&left, &right, 0.002, 0.0028) {
+        assert!(!found.is_misfit(0.002), "{found:?}");
+        assert!(found.apart_m < 0.0005, "{found:?}");
+    }
+}
