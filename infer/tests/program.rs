@@ -24,6 +24,7 @@ fn clouds_alone_are_carved_from_estimated_cameras_unless_the_network_is_asked_fo
     let carved = answer(&[], &["scan1.ply", "scan2.ply"]);
     assert_eq!((&carved["planner"], &carved["evidence"]), (&"volumetric".into(), &"clouds".into()), "{carved}");
     assert!(carved["planner_reason"].as_str().is_some_and(|why| why.contains("estimated")), "{carved}");
+    assert!(!carved["warnings"].to_string().contains("off the scans before it"), "they fit: {carved}");
     let answer = answer(&["--planner", "benbv-net"], &["scan1.ply", "scan2.ply"]);
     assert_eq!(answer["planner"], "benbv-net", "{answer}");
     assert!(answer["next"].is_object(), "a view: {answer}");
