@@ -13,17 +13,23 @@ const MAX_CELLS: f64 = 8e6;
 /// Ratio of successive thresholds of the elimination.
 const BAND: f32 = 0.93;
 
-/// Most pairs of samples within reach of each other: 1 GiB of them. One layer of surface asks for 18 to a sample, ten on top of
-/// each other for 180.
+/// Most pairs of samples within reach of each other: 1 GiB of them.
 const MAX_PAIRS: usize = 1 << 27;
+/// The same to a sample. One layer of surface asks for 18, ten on top of each other for 180.
+const MAX_NEIGHBORS: usize = 190;
+/// One sample in so many is asked for its neighbours before a table is made for all.
+const PROBED: usize = 64;
 
 /// A surface of which so much lies in one place that its points cannot be spread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooDense;
+pub struct TooDense {
+    /// What the table of neighbours may hold, MiB.
+    limit_mib: usize,
+}
 
 impl std::fmt::Display for TooDense {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let limit = (MAX_PAIRS * size_of::<(u32, f32)>()) >> 20;
+        let limit = self.limit_mib;
         write!(
             f,
             "its surface lies in dozens of layers on top of each other: spreading points on it would take more than {limit} MiB; \
@@ -76,18 +82,20 @@ pub fn poisson_disk_sample(mesh: &Mesh, count: usize, rng: &mut impl Rng) -> Res
         return Ok(samples);
     }
     let radius = (mesh.area() / (2.0 * 3f64.sqrt() * count as f64)).sqrt();
-    let kept = eliminate(&samples, count, radius).ok_or(TooDense)?;
+    let most = MAX_PAIRS.min(MAX_NEIGHBORS * samples.len());
+    let too_dense = TooDense { limit_mib: (most * size_of::<(u32, f32)>()) >> 20 };
+    let kept = eliminate(&samples, count, radius, most).ok_or(too_dense)?;
     Ok(samples.into_iter().zip(kept).filter_map(|(p, keep)| keep.then_some(p)).collect())
 }
 
 /// Which of the samples remain when the one with the nearest neighbours is taken away until `count` are left;
-/// `radius` is the largest that `count` disks on this area can have. `None` for too many neighbours.
-fn eliminate(samples: &[Point3<f64>], count: usize, radius: f64) -> Option<Vec<bool>> {
+/// `radius` is the largest that `count` disks on this area can have. `None` for more than `most` pairs of neighbours.
+fn eliminate(samples: &[Point3<f64>], count: usize, radius: f64, most: usize) -> Option<Vec<bool>> {
     let n = samples.len();
     let ratio = count as f64 / n as f64;
     let nearest = 2.0 * 0.65 * radius * (1.0 - ratio.powf(1.5));
     let grid = CellOrder::new(samples, 2.0 * radius);
-    let influences = Influences::new(&grid, nearest as f32, (2.0 * radius) as f32)?;
+    let influences = Influences::new(&grid, nearest as f32, (2.0 * radius) as f32, most)?;
     let mut weight: Vec<f32> = (0..n).map(|i| influences.of(i).iter().map(|&(_, w)| w).sum()).collect();
     // Weights only fall, so the samples above a falling threshold are the next to go, heaviest first: a small heap
     // at a time instead of one of all. An entry whose key is still its weight is the heaviest; others are put back.
@@ -134,56 +142,26 @@ struct Influences {
 }
 
 impl Influences {
-    /// Influence (1 - d / reach)^8 of distance d, which counts as `nearest` where it is less; `None` for more than
-    /// [`MAX_PAIRS`].
-    fn new(grid: &CellOrder, nearest: f32, reach: f32) -> Option<Self> {
-        let (n, per_reach) = (grid.sample.len(), 1.0 / reach);
+    /// Influence (1 - d / reach)^8 of distance d, which counts as `nearest` where it is less; `None` for more than `most`
+    /// pairs: found out on some of the samples first, so that no memory is taken for what would not fit.
+    fn new(grid: &CellOrder, nearest: f32, reach: f32, most: usize) -> Option<Self> {
+        let n = grid.sample.len();
+        let mut around = Surroundings::default();
+        (0..n).step_by(PROBED).try_fold((most + most / 4) / PROBED, |left, i| {
+            left.checked_sub(around.of(grid, i, nearest, reach).len())
+        })?;
         let (mut start, mut pairs) = (Vec::with_capacity(n + 1), Vec::with_capacity(20 * n));
-        // The surroundings of a cell, copied together; padding lies beyond reach.
-        let (mut ids, mut around) = (Vec::new(), [const { Vec::new() }; 3]);
-        let (mut influence, mut within) = (Vec::new(), Vec::new());
         for i in 0..n {
-            if i == 0 || grid.cell[i] != grid.cell[i - 1] {
-                ids.clear();
-                around.iter_mut().for_each(Vec::clear);
-                grid.for_rows(i, |range| {
-                    ids.extend(range.start as u32..range.end as u32);
-                    for (around, axis) in around.iter_mut().zip(&grid.xyz) {
-                        around.extend_from_slice(&axis[range.clone()]);
-                    }
-                });
-                let padded = ids.len().next_multiple_of(8);
-                around.iter_mut().for_each(|axis| axis.resize(padded, f32::MAX.sqrt()));
-                influence.resize(padded, 0.0);
-                within.resize(padded, (0, 0.0));
-            }
-            let [x, y, z] = [0, 1, 2].map(|axis| grid.xyz[axis][i]);
-            let [xs, ys, zs] = [0, 1, 2].map(|axis| around[axis].chunks_exact(8));
-            for (((w, xs), ys), zs) in influence.chunks_exact_mut(8).zip(xs).zip(ys).zip(zs) {
-                for k in 0..8 {
-                    let (dx, dy, dz) = (xs[k] - x, ys[k] - y, zs[k] - z);
-                    let distance = (dx * dx + dy * dy + dz * dz).sqrt();
-                    let clamped = if distance > nearest { distance } else { nearest };
-                    let t = 1.0 - clamped * per_reach;
-                    let t = if t > 0.0 { t } else { 0.0 };
-                    let t4 = (t * t) * (t * t);
-                    w[k] = t4 * t4;
-                }
-            }
-            let mut found = 0;
-            for (&j, &w) in ids.iter().zip(&influence) {
-                within[found] = (j, w);
-                found += usize::from((w > 0.0) & (j != i as u32));
-            }
+            let found = around.of(grid, i, nearest, reach);
             start.push(pairs.len());
-            if pairs.len() + found > MAX_PAIRS {
+            if pairs.len() + found.len() > most {
                 return None;
             }
             // Never grown beyond the limit.
-            if pairs.len() + found > pairs.capacity() {
-                pairs.reserve_exact(pairs.len().max(found).min(MAX_PAIRS - pairs.len()));
+            if pairs.len() + found.len() > pairs.capacity() {
+                pairs.reserve_exact(pairs.len().max(found.len()).min(most - pairs.len()));
             }
-            pairs.extend_from_slice(&within[..found]);
+            pairs.extend_from_slice(found);
         }
         start.push(pairs.len());
         Some(Self { start, pairs })
@@ -191,6 +169,58 @@ impl Influences {
 
     fn of(&self, i: usize) -> &[(u32, f32)] {
         &self.pairs[self.start[i]..self.start[i + 1]]
+    }
+}
+
+/// The samples around a cell, copied together; padding lies beyond reach.
+#[derive(Default)]
+struct Surroundings {
+    cell: Option<u32>,
+    ids: Vec<u32>,
+    around: [Vec<f32>; 3],
+    influence: Vec<f32>,
+    within: Vec<(u32, f32)>,
+}
+
+impl Surroundings {
+    /// The others within reach of a sample, by its place in cell order, and their influence.
+    fn of(&mut self, grid: &CellOrder, i: usize, nearest: f32, reach: f32) -> &[(u32, f32)] {
+        let Self { cell, ids, around, influence, within } = self;
+        if *cell != Some(grid.cell[i]) {
+            *cell = Some(grid.cell[i]);
+            ids.clear();
+            around.iter_mut().for_each(Vec::clear);
+            grid.for_rows(i, |range| {
+                ids.extend(range.start as u32..range.end as u32);
+                for (around, axis) in around.iter_mut().zip(&grid.xyz) {
+                    around.extend_from_slice(&axis[range.clone()]);
+                }
+            });
+            let padded = ids.len().next_multiple_of(8);
+            around.iter_mut().for_each(|axis| axis.resize(padded, f32::MAX.sqrt()));
+            influence.resize(padded, 0.0);
+            within.resize(padded, (0, 0.0));
+        }
+        let per_reach = 1.0 / reach;
+        let [x, y, z] = [0, 1, 2].map(|axis| grid.xyz[axis][i]);
+        let [xs, ys, zs] = [0, 1, 2].map(|axis| around[axis].chunks_exact(8));
+        for (((w, xs), ys), zs) in influence.chunks_exact_mut(8).zip(xs).zip(ys).zip(zs) {
+            for k in 0..8 {
+                let (dx, dy, dz) = (xs[k] - x, ys[k] - y, zs[k] - z);
+                let distance = (dx * dx + dy * dy + dz * dz).sqrt();
+                let clamped = if distance > nearest { distance } else { nearest };
+                let t = 1.0 - clamped * per_reach;
+                let t = if t > 0.0 { t } else { 0.0 };
+                let t4 = (t * t) * (t * t);
+                w[k] = t4 * t4;
+            }
+        }
+        let mut found = 0;
+        for (&j, &w) in ids.iter().zip(influence.iter()) {
+            within[found] = (j, w);
+            found += usize::from((w > 0.0) & (j != i as u32));
+        }
+        &within[..found]
     }
 }
 
