@@ -1,8 +1,10 @@
 //! What the programs share: flags, messages, threads, printing, stopping and exit codes.
 
+mod generate;
+
 use crate::config::{ConfigError, Flag};
 use clap::error::ErrorKind;
-use clap::{Args, Command, Parser};
+use clap::{ArgMatches, Args, Command, Parser};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::error::Error;
@@ -208,7 +210,15 @@ pub fn with_causes(error: &dyn Error) -> String {
 
 /// Reads the command line of this process; what cannot be meant ends it with code 2.
 pub fn parse<C: Parser>() -> C {
-    parse_from(std::env::args_os()).unwrap_or_else(|error| error.exit())
+    let parsed = matches::<C>(std::env::args_os()).and_then(|(mut command, matches)| {
+        match generate::generate(&matches, command.clone(), &mut std::io::stdout().lock()) {
+            Ok(false) => {}
+            // A reader that goes away is no error.
+            Ok(true) | Err(_) => std::process::exit(0),
+        }
+        C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+    });
+    parsed.unwrap_or_else(|error| error.exit())
 }
 
 /// Reads a command line. A number below zero is taken as the value of its flag, whose check says what is wrong with it.
@@ -216,6 +226,11 @@ pub fn parse<C: Parser>() -> C {
 /// # Errors
 /// A command line that cannot be meant.
 pub fn parse_from<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<C, clap::Error> {
+    let (mut command, matches) = matches::<C>(words)?;
+    C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+fn matches<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<(Command, ArgMatches), clap::Error> {
     fn with_numbers(command: Command) -> Command {
         let command = command.mut_args(|arg| match arg.get_action().takes_values() {
             true => arg.allow_negative_numbers(true),
@@ -223,9 +238,9 @@ pub fn parse_from<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Resul
         });
         command.mut_subcommands(with_numbers)
     }
-    let mut command = with_numbers(C::command());
+    let mut command = with_numbers(C::command()).arg(generate::flag());
     let matches = command.try_get_matches_from_mut(words)?;
-    C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+    Ok((command, matches))
 }
 
 /// Ends the program with code 2, as the parser of the command line does: for flags whose sense depends on settings.

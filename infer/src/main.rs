@@ -188,15 +188,7 @@ fn write_files(
         frustums::write(path, session, answer)?;
     }
     if let Some(path) = &args.report {
-        let config = session.config();
-        let input = ReportInput {
-            title,
-            cloud: session.cloud(),
-            camera: config.camera.camera(),
-            past: past.to_vec(),
-            up: config.constraints.up,
-            coverage,
-        };
+        let input = ReportInput { title, session, past, coverage };
         formats::run::atomic_write(path, report_html(answer, &input).as_bytes())?;
     }
     Ok(())

@@ -1,29 +1,24 @@
-//! The answer as one self-contained page: cloud, boundary, candidates coloured by score, the chosen view, to be
-//! turned with the mouse (WebGL 1 by hand; no library, nothing loaded from elsewhere).
+//! The answer as one self-contained page: what the next view is good for, the object with what is missing of it and the
+//! candidates, to be turned, and what the view will see (nothing is loaded from elsewhere).
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use geometry::{BoundaryConfig, PinholeCamera, PointCloud, boundary_points};
-use nalgebra::{Isometry3, Point3};
-use planning::Answer;
+use formats::html::{VIEWER, escape};
+use geometry::{BoundaryConfig, NeighborGrid, boundary_points};
+use nalgebra::{Isometry3, Point3, Vector3};
 use planning::pose::Pose;
+use planning::{Answer, Seen, Session};
 use serde_json::json;
 
-const PAGE: &str = include_str!("report.html");
-
 /// What the page shows beside the answer.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy)]
 pub struct ReportInput<'a> {
     /// Title: the object or the files.
     pub title: &'a str,
-    /// The cloud planned on.
-    pub cloud: &'a PointCloud,
-    /// The camera whose frustum is drawn.
-    pub camera: PinholeCamera,
+    /// What was planned on.
+    pub session: &'a Session,
     /// Poses of the past scans (`world_from_camera`), where known.
-    pub past: Vec<Isometry3<f64>>,
-    /// The direction that is up.
-    pub up: [f64; 3],
+    pub past: &'a [Isometry3<f64>],
     /// Coverage after each view, in [0, 1], where there is ground truth (closed loop in the simulator).
     pub coverage: &'a [f64],
 }
@@ -32,27 +27,33 @@ pub struct ReportInput<'a> {
 pub fn report_html(answer: &Answer, input: &ReportInput) -> String {
     // JSON in a script element: only `<` could end it.
     let data = page_data(answer, input).to_string().replace('<', "\\u003c");
-    fill(PAGE, &[("title", &escape(input.title)), ("side", &side(answer, input.coverage)), ("data", &data)])
+    let values = [
+        ("title", &*escape(input.title)),
+        ("style", include_str!("report/page.css")),
+        ("side", &side(answer, input.coverage)),
+        ("text", &escape(&answer.to_text())),
+        ("data", &data),
+        ("viewer", VIEWER),
+        ("program", include_str!("report/page.js")),
+    ];
+    fill(include_str!("report/page.html"), &values)
 }
 
 fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
-    let cloud = input.cloud;
+    let cloud = input.session.cloud();
     let (low, high) = cloud.bounding_box();
     let center = nalgebra::center(&low, &high);
-    let half = (0.5 * (high - low).amax()).max(1e-9);
-    let scale = half / 32_000.0;
-    let points: Vec<u8> = cloud
-        .points
-        .iter()
-        .flat_map(|p| [0, 1, 2].map(|i| ((p[i] - center[i]) / scale).round() as i16))
-        .flat_map(i16::to_le_bytes)
-        .collect();
-    let normals: Vec<u8> = (0..cloud.len())
-        .flat_map(|i| {
-            let n = cloud.normals.get(i).and_then(|n| n.try_normalize(0.0)).unwrap_or_default();
-            [n.x, n.y, n.z].map(|x| (127.0 * x).round() as i8 as u8)
-        })
-        .collect();
+    // The expected surface reaches beyond what was measured.
+    let scale = (high - low).amax().max(1e-9) / 32_000.0;
+    let quantized = |points: &mut dyn Iterator<Item = Point3<f64>>| {
+        let bytes = |p: Point3<f64>| [0, 1, 2].map(|i| ((p[i] - center[i]) / scale).round() as i16);
+        STANDARD.encode(points.flat_map(bytes).flat_map(i16::to_le_bytes).collect::<Vec<u8>>())
+    };
+    let directions = |normals: &mut dyn Iterator<Item = Vector3<f64>>| {
+        let bytes = |n: Vector3<f64>| n.try_normalize(0.0).unwrap_or_default().map(|x| (127.0 * x).round() as i8 as u8);
+        STANDARD.encode(normals.flat_map(|n| <[u8; 3]>::from(bytes(n))).collect::<Vec<u8>>())
+    };
+    let expected = input.session.expected_surface(answer);
     let mut boundary = vec![0u8; cloud.len()];
     for i in boundary_points(cloud, &BoundaryConfig::default()) {
         boundary[i] = 1;
@@ -69,30 +70,83 @@ fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
         })
         .collect();
     let past: Vec<_> = input.past.iter().map(|pose| json!({ "pose": Pose::from(pose).matrix })).collect();
-    let camera = &input.camera;
+    let camera = &input.session.state().camera;
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let corner = |x: f64, y: f64| camera.unproject(x, y, 1.0);
     let (first, last): (Point3<f64>, Point3<f64>) = (corner(0.0, 0.0), corner(width, height));
     json!({
-        "points": STANDARD.encode(points), "normals": STANDARD.encode(normals), "boundary": STANDARD.encode(boundary),
+        "points": quantized(&mut cloud.points.iter().copied()),
+        "normals": directions(&mut (0..cloud.len()).map(|i| cloud.normals.get(i).copied().unwrap_or_default())),
+        "boundary": STANDARD.encode(boundary),
+        "expected": quantized(&mut expected.iter().map(|e| e.0)), "outwards": directions(&mut expected.iter().map(|e| e.1)),
+        "born": STANDARD.encode(first_scans(input.session)), "scans": answer.cloud.scans, "coverage": input.coverage,
         "center": [center.x, center.y, center.z], "scale": scale,
-        "radius": 0.5 * (high - low).norm(), "reach": (high - low).norm(), "spacing": answer.cloud.spacing_m,
-        "candidates": candidates, "past": past, "next": answer.next.as_ref().map_or(-1, |next| next.rank as i64),
+        "radius": 0.5 * (high - low).norm(), "spacing": answer.cloud.spacing_m,
+        "candidates": candidates, "past": past,
+        "next": answer.next.as_ref().map_or(-1, |next| next.rank as i64),
         // Left, right, top, bottom of the image at unit depth.
-        "image": [first.x, last.x, first.y, last.y], "up": input.up,
+        "image": [first.x, last.x, first.y, last.y], "up": input.session.config().constraints.up,
     })
 }
 
+/// For each point of the cloud the first scan, from 0, that measured something there.
+fn first_scans(session: &Session) -> Vec<u8> {
+    let (state, cloud) = (session.state(), session.cloud());
+    let reach = 2.0 * state.grid_size;
+    let mut first = vec![None; cloud.len()];
+    for (k, scan) in state.scans.iter().enumerate().take(usize::from(u8::MAX)) {
+        let measured = match &scan.seen {
+            Seen::Depth { camera, depth, .. } => &depth.to_points(camera, &scan.world_from_camera),
+            Seen::Points(points) => points,
+        };
+        if measured.is_empty() {
+            continue;
+        }
+        let near = NeighborGrid::new(measured, reach);
+        for (first, p) in first.iter_mut().zip(&cloud.points).filter(|(first, _)| first.is_none()) {
+            *first = near.any_within(p, reach).then_some(k as u8);
+        }
+    }
+    first.into_iter().map(|k| k.unwrap_or_default()).collect()
+}
+
 fn side(answer: &Answer, coverage: &[f64]) -> String {
-    let mut html = String::new();
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let mut html = format!("<p class=\"lead\">{}</p><dl class=\"facts\">", escape(&answer.reason()));
+    let next = answer.next.as_ref();
+    let facts = [
+        ("new surface", next.and_then(|n| n.expected_gain).map(percent)),
+        ("overlap", next.and_then(|n| n.expected_overlap).map(percent)),
+        ("missing", answer.missing.as_ref().map(|m| percent(m.share + m.out_of_reach_share))),
+        ("distance", next.map(|n| planning::answer::length(n.working_distance_m))),
+    ];
+    for (name, value) in facts {
+        html += &format!("<div><dt>{name}</dt><dd>{}</dd></div>", value.as_deref().unwrap_or("not known"));
+    }
+    html += "</dl>";
     for warning in &answer.warnings {
         html += &format!("<div class=\"warn\">{}</div>", escape(warning));
     }
-    // The warnings stand above already.
-    let text = Answer { warnings: Vec::new(), ..answer.clone() }.to_text();
-    html += &format!("<pre>{}</pre>", escape(&text));
+    if let Some(next) = next {
+        let rows = next.world_from_camera.matrix.map(|r| r.map(|x| format!("{x:10.6}")).join(" ")).join("\n");
+        html += &format!("<h2>world_from_camera, +X right, +Y down, +Z forward, metres</h2><pre>{rows}</pre>");
+    }
     if coverage.len() > 1 {
-        html += &format!("<h2>Coverage after each view</h2>{}", coverage_curve(coverage));
+        html += &format!("<h2>Coverage after each view, %</h2>{}", coverage_curve(coverage));
+    }
+    if let Some(missing) = answer.missing.as_ref().filter(|m| !m.holes.is_empty()) {
+        html += "<h2>Missing surface</h2><table><thead><tr><th>share</th><th>size</th><th class=\"text\">why not seen yet</th>\
+                 <th>in reach</th></tr></thead>";
+        for hole in missing.holes.iter().take(8) {
+            html += &format!(
+                "<tr><td>{}</td><td>{}</td><td class=\"text\">{}</td><td>{:.0} %</td></tr>",
+                percent(hole.share),
+                planning::answer::length(hole.size_m),
+                hole.unseen.describe(),
+                100.0 * hole.within_reach
+            );
+        }
+        html += "</table>";
     }
     html
 }
@@ -106,7 +160,7 @@ fn coverage_curve(coverage: &[f64]) -> String {
         .map(|&c| {
             let (y, percent) = (y(c), 100.0 * c);
             format!(
-                "<line x1=\"34\" x2=\"374\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"#ddd\"/>\
+                "<line x1=\"34\" x2=\"374\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>\
                  <text x=\"30\" y=\"{:.1}\" font-size=\"9\" text-anchor=\"end\">{percent:.0}</text>",
                 y + 3.0
             )
@@ -114,7 +168,7 @@ fn coverage_curve(coverage: &[f64]) -> String {
         .collect();
     let last = 100.0 * coverage[coverage.len() - 1];
     format!(
-        "<svg viewBox=\"0 0 384 118\">{grid}<polyline points=\"{}\" fill=\"none\" stroke=\"#2166ac\" stroke-width=\"2\"/>\
+        "<svg viewBox=\"0 0 384 118\">{grid}<polyline points=\"{}\" fill=\"none\" stroke=\"#4c8dff\" stroke-width=\"2\"/>\
          <text x=\"374\" y=\"115\" font-size=\"9\" text-anchor=\"end\">{} views, {last:.1} %</text></svg>",
         points.join(" "),
         coverage.len()
@@ -142,21 +196,6 @@ fn fill(page: &str, values: &[(&str, &str)]) -> String {
         }
     }
     filled + rest
-}
-
-/// Text as HTML.
-fn escape(text: &str) -> String {
-    text.chars().fold(String::with_capacity(text.len()), |mut html, c| {
-        match c {
-            '&' => html.push_str("&amp;"),
-            '<' => html.push_str("&lt;"),
-            '>' => html.push_str("&gt;"),
-            '"' => html.push_str("&quot;"),
-            '\'' => html.push_str("&#39;"),
-            c => html.push(c),
-        }
-        html
-    })
 }
 
 #[cfg(test)]

@@ -167,6 +167,30 @@ impl Answer {
         text
     }
 
+    /// In a sentence what the next view is good for, or why there is none.
+    pub fn reason(&self) -> String {
+        let Some(next) = &self.next else { return format!("No next view: {}.", self.no_view_reason()) };
+        let percent = |share: f64| match 100.0 * share {
+            p if p < 0.95 => "less than 1 %".to_owned(),
+            p => format!("{p:.0} %"),
+        };
+        let mut text = match next.expected_gain {
+            Some(gain) => format!("Sees {} of the surface for the first time", percent(gain)),
+            None => "Looks beyond the boundary of what was measured".to_owned(),
+        };
+        let holes = self.missing.iter().flat_map(|missing| &missing.holes);
+        if let Some(hole) = holes.into_iter().find(|hole| hole.best_candidate == Some(next.rank)) {
+            let _ = write!(text, " (a part {} across, {})", length(hole.size_m), hole.unseen.describe());
+        }
+        if let Some(overlap) = next.expected_overlap {
+            let _ = write!(text, "; {} of its scan overlaps what is known", percent(overlap));
+        }
+        if self.stop.stop {
+            text += ". Not worth it: no view adds as much as the stop level asks for";
+        }
+        text + "."
+    }
+
     /// Why there is no next view.
     pub fn no_view_reason(&self) -> String {
         if self.candidates.is_empty() {

@@ -60,7 +60,8 @@ pub use planner::{PlanError, Planner, RankedView};
 pub use planners::auto::{AutoPlanner, Evidence, Network};
 pub use planners::farthest::FarthestPlanner;
 pub use planners::volumetric::{
-    Allowed, Forecasts, Hole, Surface, Unseen, ViewForecast, VolumetricConfig, VolumetricPlanner, Workspace,
+    Allowed, ExpectedPoint, Forecasts, Hole, Surface, Unseen, ViewForecast, VolumetricConfig, VolumetricPlanner,
+    Workspace,
 };
 pub use scan::{Reading, Scan, ScanReport};
 pub use session::{Session, SessionError};

@@ -1,4 +1,4 @@
-//! One episode as a turning cloud: hand-written WebGL 1, no library (geometry.md, section 9).
+//! One episode as a cloud that grows from view to view.
 
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
@@ -6,6 +6,7 @@ use crate::objects::{Body, Object};
 use crate::record::EpisodeRecord;
 use base64::Engine;
 use datagen::RenderConfig;
+use formats::html::{VIEWER, escape};
 use nalgebra::{Point3, Vector3};
 use std::fmt::Write;
 
@@ -52,12 +53,13 @@ pub fn html(object: &Object, record: &EpisodeRecord, config: &EvaluateConfig) ->
         .flat_map(|p| p.coords.iter().map(|x| (x / extent * 32_767.0) as i16).collect::<Vec<_>>())
         .flat_map(i16::to_le_bytes)
         .collect();
+    let spacing = config.episode.image.camera().pixel_size(config.episode.working_distance_m);
     let data = base64::engine::general_purpose::STANDARD.encode(quantized);
     let cameras: Vec<String> = record
         .views
         .iter()
         .map(|v| {
-            let d = v.direction() * 1.6;
+            let d = v.direction();
             format!("[{:.4},{:.4},{:.4}]", d.x, d.y, d.z)
         })
         .collect();
@@ -65,15 +67,17 @@ pub fn html(object: &Object, record: &EpisodeRecord, config: &EvaluateConfig) ->
     let mut text = String::new();
     let _ = write!(
         text,
-        "<h2>One episode: {} on {}</h2><p>Drag to turn. Points are coloured by scan, rays point to the cameras.</p>\
-         <canvas id=\"replay\"></canvas><p><input id=\"step\" type=\"range\" min=\"1\" max=\"{}\" value=\"{}\" style=\"width:60%\"> \
-         <span id=\"caption\"></span></p><script>const DATA={{points:\"{data}\",ends:{scans:?},cameras:[{}],coverages:[{}]}};\n{}</script>",
-        formats::html::escape(&record.key.policy),
-        formats::html::escape(&object.name),
+        "<h2>One episode: {} on {}</h2><p>Points are coloured by scan, rays point to the cameras. Drag or arrow keys turn, wheel \
+         or + and - zoom.</p><canvas id=\"replay\"></canvas><p><button id=\"play\">play</button> <input id=\"step\" type=\"range\" \
+         min=\"1\" max=\"{}\" value=\"{}\" style=\"width:60%\" aria-label=\"views shown\"> <span id=\"caption\"></span></p>\
+         <script>const DATA={{points:\"{data}\",extent:{extent},spacing:{spacing},ends:{scans:?},cameras:[{}],coverages:[{}]}};\n{}\n{}</script>",
+        escape(&record.key.policy),
+        escape(&object.name),
         record.views.len(),
         record.views.len(),
         cameras.join(","),
         coverages.join(","),
+        VIEWER,
         include_str!("replay.js")
     );
     text

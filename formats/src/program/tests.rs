@@ -87,3 +87,16 @@ fn a_closed_pipe_is_no_error_and_a_full_disk_is() {
     assert!(print_to(&mut Refuses(std::io::ErrorKind::BrokenPipe), "text").is_ok());
     assert!(print_to(&mut Refuses(std::io::ErrorKind::StorageFull), "text").is_err());
 }
+
+#[test]
+fn completions_and_man_pages_know_the_flags() {
+    for (kind, expected) in [("bash", "--distance"), ("zsh", "--below"), ("fish", "jobs"), ("man", "distance")] {
+        let words = ["program", "--generate", kind].map(OsString::from);
+        let (command, matches) = matches::<Cli>(words).expect("a command line");
+        let mut text = Vec::new();
+        assert!(generate::generate(&matches, command, &mut text).expect("memory"));
+        assert!(String::from_utf8_lossy(&text).contains(expected), "{kind}");
+    }
+    assert!(parse(&["--generate", "tcsh"]).is_err());
+    assert!(parse(&["--generate", "bash", "--seed", "1"]).is_err(), "alone on its command line");
+}

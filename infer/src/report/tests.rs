@@ -15,14 +15,7 @@ fn a_hostile_title_stays_text_and_nothing_is_loaded() {
     answer.candidates[1]
         .objections
         .push(planning::constraints::Objection { constraint: planning::Constraint::Floor, reason: hostile.to_owned() });
-    let input = ReportInput {
-        title: hostile,
-        cloud: session.cloud(),
-        camera: PinholeCamera::default(),
-        past: Vec::new(),
-        up: [0.0, 0.0, 1.0],
-        coverage: &[0.3, 0.6],
-    };
+    let input = ReportInput { title: hostile, session: &session, past: &[], coverage: &[0.3, 0.6] };
     let page = report_html(&answer, &input);
     assert!(!page.contains("<script>alert"), "the title must not become a script");
     assert_eq!(page.matches("<script").count(), 2, "the page's own two scripts");

@@ -3,8 +3,8 @@
 use crate::config::{PlannerName, SessionConfig};
 use crate::planners::farthest::FarthestPlanner;
 use crate::{
-    Allowed, Angles, CameraPose, CandidateConfig, Hole, Misses, PlanError, Planner, RankedView, ScanState, Seen,
-    Surface, VolumetricConfig, VolumetricPlanner, Workspace,
+    Allowed, Angles, CameraPose, CandidateConfig, ExpectedPoint, Hole, Misses, PlanError, Planner, RankedView,
+    ScanState, Seen, Surface, VolumetricConfig, VolumetricPlanner, Workspace,
 };
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -208,6 +208,11 @@ impl AutoPlanner {
     /// What is missing of that surface ([`VolumetricPlanner::holes`]).
     pub fn holes(&self, planner: PlannerName, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
         if planner == PlannerName::Volumetric { self.volumetric.holes(state, allowed) } else { Vec::new() }
+    }
+
+    /// The surface expected where nothing is known yet ([`VolumetricPlanner::expected_surface`]).
+    pub fn expected_surface(&self) -> Vec<ExpectedPoint> {
+        self.volumetric.expected_surface()
     }
 
     /// The views of the planner chosen.

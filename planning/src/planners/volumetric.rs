@@ -18,7 +18,7 @@ use carved::Carved;
 use geometry::coverage::overlap_response;
 use geometry::{PinholeCamera, View};
 use grid::VoxelGrid;
-pub use holes::{Allowed, Hole, Unseen};
+pub use holes::{Allowed, ExpectedPoint, Hole, Unseen};
 use march::Marcher;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;

@@ -1,15 +1,21 @@
 //! What is missing of the surface, and which of it the camera may see.
 
 use super::Session;
-use crate::answer::Candidate;
+use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
 use crate::constraints::{ConstraintsConfig, Surroundings};
 use crate::stop::Missing;
-use crate::{Allowed, Surface};
+use crate::{Allowed, ExpectedPoint, Surface};
 use geometry::View;
 use nalgebra::Isometry3;
 
 impl Session {
+    /// Points of the surface that was expected where nothing is known, when this answer was given; none where its planner does
+    /// not make that out. World frame, about a voxel apart.
+    pub fn expected_surface(&self, answer: &Answer) -> Vec<ExpectedPoint> {
+        if answer.planner == PlannerName::Volumetric.as_str() { self.planners.expected_surface() } else { Vec::new() }
+    }
+
     /// What the planner that has just answered finds missing, and the surface with it; `None` where it does not make that out.
     pub(super) fn missing(
         &self,

@@ -27,6 +27,7 @@ pub struct Watch {
     events: EventWriter,
     records: Vec<Record>,
     dir: PathBuf,
+    total_steps: u64,
     refreshed: Instant,
 }
 
@@ -36,7 +37,8 @@ impl Watch {
         let (log, records) = Log::open(&dir.join("log.jsonl"), step)?;
         let events = EventWriter::create(&dir.join("tensorboard"))?;
         let terminal = Terminal::new(total_steps, step, epochs, quiet);
-        let watch = Watch { terminal, log, events, records, dir: dir.to_path_buf(), refreshed: Instant::now() };
+        let watch =
+            Watch { terminal, log, events, records, dir: dir.to_path_buf(), total_steps, refreshed: Instant::now() };
         watch.write_page(false)?;
         Ok(watch)
     }
@@ -78,7 +80,7 @@ impl Watch {
 
     fn write_page(&self, done: bool) -> Result<(), TrainError> {
         let name = self.dir.file_name().map_or_else(|| "training".into(), |n| n.to_string_lossy().into_owned());
-        let page = render(&format!("Training {name}"), &self.records, done);
+        let page = render(&format!("Training {name}"), &self.records, (!done).then_some(self.total_steps));
         Ok(formats::run::atomic_write(&self.dir.join("index.html"), page.as_bytes())?)
     }
 

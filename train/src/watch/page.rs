@@ -8,8 +8,9 @@ use std::fmt::Write;
 /// A named curve.
 type Series<'a> = (&'a str, Vec<(f64, f64)>);
 
-/// The page for these records. While the run goes on (`done` false) it reloads itself every 20 seconds.
-pub fn render(title: &str, records: &[Record], done: bool) -> String {
+/// The page for these records. While the run goes on (`total_steps` are to be done) it reloads itself every 20 seconds and
+/// tells how long it will take.
+pub fn render(title: &str, records: &[Record], total_steps: Option<u64>) -> String {
     let epochs = || records.iter().filter_map(|r| if let Record::Epoch(e) = r { Some(e) } else { None });
     let steps = || records.iter().filter_map(|r| if let Record::Step(s) = r { Some(s) } else { None });
     let episodes = || records.iter().filter_map(|r| if let Record::Episodes(e) = r { Some(e) } else { None });
@@ -45,30 +46,44 @@ pub fn render(title: &str, records: &[Record], done: bool) -> String {
             &[("views", episodes().map(|e| (e.step as f64, e.views_to_90)).collect())],
             false,
         ),
-        chart("Loss per step (logarithmic)", &[("loss", steps().map(|s| (s.step as f64, s.loss)).collect())], true),
+        chart("Loss per step (logarithmic)", &with_smoothed("loss", steps().map(|s| (s.step as f64, s.loss))), true),
         chart("Learning rate", &[("rate", steps().map(|s| (s.step as f64, s.rate)).collect())], false),
         chart(
             "Gradient norm (logarithmic)",
-            &[("norm", steps().map(|s| (s.step as f64, s.gradient_norm)).collect())],
+            &with_smoothed("norm", steps().map(|s| (s.step as f64, s.gradient_norm))),
             true,
         ),
     ];
     let mut page = String::from("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n");
-    if !done {
+    if total_steps.is_some() {
         page.push_str("<meta http-equiv=\"refresh\" content=\"20\">\n");
     }
     let title = escape(title);
     let _ = write!(
         page,
-        "<title>{title}</title>\n<style>body{{font-family:sans-serif;margin:1.5em;max-width:1400px}}svg{{margin:.3em}}\
-         table{{border-collapse:collapse}}td,th{{padding:.15em .7em;text-align:right;border-bottom:1px solid #ddd}}</style>\n\
-         </head><body>\n<h1>{title}</h1>\n"
+        "<title>{title}</title>\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<style>{}</style>\n\
+         </head><body>\n<h1>{title}</h1>\n",
+        include_str!("page.css")
     );
+    if let Some(total) = total_steps {
+        let done = records.iter().map(Record::step).max().unwrap_or(0);
+        let recent: Vec<f64> = steps().rev().take(100).map(|s| s.seconds).collect();
+        let mean = recent.iter().sum::<f64>() / recent.len().max(1) as f64;
+        let left = if recent.is_empty() {
+            "not known yet".to_owned()
+        } else {
+            duration(mean * total.saturating_sub(done) as f64)
+        };
+        let _ = writeln!(
+            page,
+            "<p>Step {done} of {total}, about {left} left</p><progress max=\"{total}\" value=\"{done}\"></progress>"
+        );
+    }
     if let Some(last) = epochs().next_back() {
         let best = epochs().rfind(|e| e.best).unwrap_or(last);
         let _ = writeln!(
             page,
-            "<table><tr><th></th><th>epoch</th><th>step</th><th>training loss</th><th>validation loss</th>\
+            "<div class=\"scroll\"><table><tr><th></th><th>epoch</th><th>step</th><th>training loss</th><th>validation loss</th>\
              <th>relative regret</th><th>rank correlation</th><th>hit rate</th><th>samples/s</th></tr>"
         );
         for (name, e) in [("last", last), ("best", best)] {
@@ -86,10 +101,11 @@ pub fn render(title: &str, records: &[Record], done: bool) -> String {
                 e.samples_per_second
             );
         }
-        page.push_str("</table>\n");
+        page.push_str("</table></div>\n");
     }
+    page.push_str("<div class=\"charts\">\n");
     charts.iter().for_each(|c| page.push_str(c));
-    page.push_str("\n<ul>\n");
+    page.push_str("</div>\n<ul>\n");
     for record in records {
         if let Record::Message { step, text } = record {
             let _ = writeln!(page, "<li>step {step}: {}</li>", escape(text));
@@ -97,6 +113,28 @@ pub fn render(title: &str, records: &[Record], done: bool) -> String {
     }
     page.push_str("</ul>\n</body></html>\n");
     page
+}
+
+/// A curve and its mean over about a fiftieth of the run before each point.
+fn with_smoothed<'a>(name: &'a str, points: impl Iterator<Item = (f64, f64)>) -> Vec<Series<'a>> {
+    let raw: Vec<(f64, f64)> = points.filter(|p| p.1.is_finite()).collect();
+    let keep = 1.0 - 1.0 / (raw.len() as f64 / 50.0).max(1.0);
+    let mut mean = raw.first().map_or(0.0, |p| p.1);
+    let smoothed = raw.iter().map(|&(x, y)| {
+        mean = keep * mean + (1.0 - keep) * y;
+        (x, mean)
+    });
+    let smoothed = smoothed.collect();
+    vec![(name, raw), ("smoothed", smoothed)]
+}
+
+/// A time for people.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s >= 5400.0 => format!("{:.1} h", s / 3600.0),
+        s if s >= 90.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{s:.0} s"),
+    }
 }
 
 /// One chart as SVG; empty where no curve has a finite point.
@@ -147,7 +185,9 @@ fn draw(
         .y_label_formatter(&|y| if log { format!("{:.1e}", 10f64.powf(*y)) } else { format!("{y:.4}") })
         .draw()?;
     for (i, (name, curve)) in series.iter().enumerate() {
-        let colour = Palette99::pick(i).to_rgba();
+        // A curve that has a smoothed one beside it stands back.
+        let faint = series.get(i + 1).is_some_and(|(next, _)| *next == "smoothed");
+        let colour = Palette99::pick(i).mix(if faint { 0.3 } else { 1.0 });
         let line = LineSeries::new(curve.iter().copied(), colour.stroke_width(2));
         context
             .draw_series(line)?

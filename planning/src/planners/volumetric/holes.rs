@@ -76,7 +76,19 @@ pub struct Allowed<'a> {
     pub others: Option<&'a dyn Fn(&View) -> bool>,
 }
 
+/// A point of the surface that is expected where nothing is known yet, and its normal, outwards; zero where that is not made out.
+pub type ExpectedPoint = (Point3<f64>, Vector3<f64>);
+
 impl VolumetricPlanner {
+    /// The expected surface as it was at the last decision: a point to a voxel.
+    pub fn expected_surface(&self) -> Vec<ExpectedPoint> {
+        let point = |grid: &VoxelGrid, k: usize| {
+            let Spot { point, normal, .. } = Spot::of(grid, k);
+            (point, normal)
+        };
+        self.grid.iter().flat_map(|grid| (0..grid.expected.len()).map(move |k| point(grid, k))).collect()
+    }
+
     /// The holes of the surface as it was at the last decision, from a thousandth of the whole on, largest first.
     pub fn holes(&self, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
         let Some(grid) = &self.grid else { return Vec::new() };

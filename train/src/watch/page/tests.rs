@@ -33,17 +33,18 @@ fn records(n: u64) -> Vec<Record> {
 
 #[test]
 fn the_page_is_self_contained_and_reloads_until_done() {
-    let page = render("run <1>", &records(20), false);
+    let page = render("run <1>", &records(20), Some(1220));
     assert!(page.contains("<svg") && page.contains("http-equiv=\"refresh\""));
+    assert!(page.contains("Step 20 of 1220, about 2 min left") && page.contains(">smoothed<"));
     assert!(page.contains("0.250"), "the relative regret");
     assert!(page.contains("a &lt;script&gt; &amp; more") && page.contains("run &lt;1&gt;"));
     assert!(!page.contains("<script") && !page.contains("src=") && !page.contains("href="));
     assert!(!page.contains("Gradient norm"), "a curve without a finite point is left out");
-    assert!(!render("run", &records(20), true).contains("http-equiv"));
-    assert!(render("empty", &[], false).contains("</html>"));
+    assert!(!render("run", &records(20), None).contains("http-equiv"));
+    assert!(render("empty", &[], Some(7)).contains("</html>"));
 }
 
 #[test]
 fn a_long_run_keeps_a_small_page() {
-    assert!(render("long", &records(50_000), false).len() < 400_000);
+    assert!(render("long", &records(50_000), Some(60_000)).len() < 400_000);
 }
