@@ -45,7 +45,7 @@ enum SetError {
     Value(String),
 }
 
-/// A setting that cannot be meant.
+/// An invalid setting.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{key} = {found}: expected {expected}")]
 pub struct SettingError {
@@ -172,8 +172,17 @@ pub fn digest(bytes: &[u8]) -> String {
     checksum::sha256(bytes)[..16].to_owned()
 }
 
+/// Settings that had another name once, in any program.
+const RENAMED: [(&str, &str); 3] =
+    [("rate", "learning_rate"), ("min_rate", "min_learning_rate"), ("never", "views_if_unreached")];
+
 fn layer_error(origin: String, error: &toml::de::Error) -> ConfigError {
-    ConfigError::Layer { origin, message: error.to_string().trim_end().replace('\n', "\n  ") }
+    let mut message = error.to_string().trim_end().replace('\n', "\n  ");
+    let renamed = RENAMED.iter().find(|(old, _)| message.contains(&format!("unknown field `{old}`")));
+    if let Some((old, new)) = renamed.filter(|(_, new)| message.contains(&format!("`{new}`"))) {
+        message += &format!("\n  `{old}` is called `{new}` now");
+    }
+    ConfigError::Layer { origin, message }
 }
 
 /// Merges one layer and checks at once, so that the error names the layer.

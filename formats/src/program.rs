@@ -20,8 +20,8 @@ use tracing_subscriber::EnvFilter;
 pub const STOPPED: u8 = 130;
 
 /// What the exit codes mean, in every program; the end of every `--help`.
-pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 an error, said in one line; 2 a command line that cannot be meant; \
-                              3 no view is left (infer); 130 stopped by Ctrl-C or SIGTERM, to be gone on with.";
+pub const EXIT_CODES: &str = "Exit codes: 0 success; 1 an error, said in one line; 2 invalid command line; \
+                              3 no view is left (infer); 130 stopped by Ctrl-C or SIGTERM, resumable.";
 
 /// Threads per core that `--jobs` may ask for.
 const JOBS_PER_CORE: usize = 4;
@@ -208,7 +208,7 @@ pub fn with_causes(error: &dyn Error) -> String {
     text
 }
 
-/// Reads the command line of this process; what cannot be meant ends it with code 2.
+/// Reads the command line of this process; an invalid one ends it with code 2.
 pub fn parse<C: Parser>() -> C {
     let parsed = matches::<C>(std::env::args_os()).and_then(|(mut command, matches)| {
         match generate::generate(&matches, command.clone(), &mut std::io::stdout().lock()) {
@@ -224,7 +224,7 @@ pub fn parse<C: Parser>() -> C {
 /// Reads a command line. A number below zero is taken as the value of its flag, whose check says what is wrong with it.
 ///
 /// # Errors
-/// A command line that cannot be meant.
+/// An invalid command line.
 pub fn parse_from<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<C, clap::Error> {
     let (mut command, matches) = matches::<C>(words)?;
     C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))

@@ -92,7 +92,7 @@ fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
 /// For each point of the cloud the first scan, from 0, that measured something there.
 fn first_scans(session: &Session) -> Vec<u8> {
     let (state, cloud) = (session.state(), session.cloud());
-    let reach = 2.0 * state.grid_size;
+    let reach = 0.75 * state.grid_size;
     let mut first = vec![None; cloud.len()];
     for (k, scan) in state.scans.iter().enumerate().take(usize::from(u8::MAX)) {
         let measured = match &scan.seen {

@@ -162,7 +162,7 @@ pub struct OptimizerConfig {
     /// Which one.
     pub kind: OptimizerKind,
     /// Full learning rate.
-    pub rate: f64,
+    pub learning_rate: f64,
     /// Weight decay (decoupled for `adamw`, L2 for `adam`).
     pub weight_decay: f64,
     /// Decay of the first moment.
@@ -182,7 +182,7 @@ impl Default for OptimizerConfig {
     fn default() -> Self {
         OptimizerConfig {
             kind: OptimizerKind::Adamw,
-            rate: 1e-3,
+            learning_rate: 1e-3,
             weight_decay: 0.01,
             beta_1: 0.9,
             beta_2: 0.999,
@@ -318,7 +318,7 @@ impl TrainConfig {
         let within = self.loss.within_decision;
         let ranges: [(&'static str, f64, bool, &str); 13] = [
             ("loss.within_decision", within, within >= 0.0, "0 or more"),
-            ("optimizer.rate", o.rate, o.rate > 0.0, "a positive number"),
+            ("optimizer.learning_rate", o.learning_rate, o.learning_rate > 0.0, "a positive number"),
             ("optimizer.weight_decay", o.weight_decay, o.weight_decay >= 0.0, "0 or more"),
             ("optimizer.beta_1", o.beta_1, (0.0..1.0).contains(&o.beta_1), "a number in [0, 1)"),
             ("optimizer.beta_2", o.beta_2, (0.0..1.0).contains(&o.beta_2), "a number in [0, 1)"),
@@ -353,10 +353,10 @@ impl TrainConfig {
         if !(s.factor > 0.0 && s.factor <= 1.0) {
             return Err(bad("schedule.factor", s.factor, "expected a number in (0, 1]"));
         }
-        if !(s.min_rate >= 0.0 && s.threshold >= 0.0) {
+        if !(s.min_learning_rate >= 0.0 && s.threshold >= 0.0) {
             return Err(bad(
-                "schedule.min_rate or schedule.threshold",
-                s.min_rate.min(s.threshold),
+                "schedule.min_learning_rate or schedule.threshold",
+                s.min_learning_rate.min(s.threshold),
                 "expected 0 or more",
             ));
         }

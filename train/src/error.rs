@@ -67,7 +67,7 @@ pub enum TrainError {
     /// Loss or gradient were not finite for too many steps in a row.
     #[error(
         "loss or gradient was not finite in {steps} steps in a row (last at step {step}); the last good state is in \
-         {checkpoint:?}; lower optimizer.rate (now {rate}), set optimizer.clip_norm, or look for bad data in log.jsonl"
+         {checkpoint:?}; lower optimizer.learning_rate (now {rate}), set optimizer.clip_norm, or look for bad data in log.jsonl"
     )]
     Diverged {
         /// Steps in a row.

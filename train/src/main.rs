@@ -86,7 +86,7 @@ impl TrainArgs {
             Flag::given("--epochs", "epochs", self.epochs.map(i64::from)),
             Flag::given("--batch", "batch", self.batch.map(i64::from)),
             Flag::given("--points", "network.points", self.points.map(i64::from)),
-            Flag::given("--lr", "optimizer.rate", self.lr),
+            Flag::given("--lr", "optimizer.learning_rate", self.lr),
             Flag::given("--device", "device", self.device.clone()),
         ]
     }

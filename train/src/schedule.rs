@@ -9,7 +9,7 @@ pub enum ScheduleKind {
     /// Reduced when the validation loss no longer falls (the reference's `ReduceLROnPlateau`).
     #[default]
     Plateau,
-    /// Half a cosine from the full rate down to `min_rate` at the last step.
+    /// Half a cosine from the full rate down to `min_learning_rate` at the last step.
     Cosine,
     /// Multiplied by `factor` every `step_epochs` epochs (PC-NBV's `StepLR`).
     Step,
@@ -34,7 +34,7 @@ pub struct ScheduleConfig {
     /// Epochs between reductions (step).
     pub step_epochs: u32,
     /// The rate never falls below this (all kinds but constant).
-    pub min_rate: f64,
+    pub min_learning_rate: f64,
 }
 
 impl Default for ScheduleConfig {
@@ -46,7 +46,7 @@ impl Default for ScheduleConfig {
             patience: 3,
             threshold: 1e-4,
             step_epochs: 20,
-            min_rate: 0.0,
+            min_learning_rate: 0.0,
         }
     }
 }
@@ -97,7 +97,7 @@ impl Schedule {
         if step < c.warmup_steps {
             return self.base_rate * (step + 1) as f64 / c.warmup_steps as f64;
         }
-        let floor = c.min_rate.min(self.base_rate);
+        let floor = c.min_learning_rate.min(self.base_rate);
         match c.kind {
             ScheduleKind::Constant => self.base_rate,
             ScheduleKind::Plateau => (self.base_rate * self.state.scale).max(floor),

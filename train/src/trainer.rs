@@ -65,7 +65,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
     let total_steps = steps_per_epoch as u64 * u64::from(config.epochs);
     let latest = run.dir.join("latest");
     let settings = decisive_settings(config)?;
-    let fresh = Schedule::new(&config.schedule, config.optimizer.rate, total_steps);
+    let fresh = Schedule::new(&config.schedule, config.optimizer.learning_rate, total_steps);
     let mut learner = fresh_learner::<T>(task, config, &device)?;
     let mut state = TrainingState::fresh(settings.clone(), task.data_name(), fresh.state());
     if run.resume {
@@ -113,7 +113,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
             valid_loss: validation.loss,
             valid: validation.ranking,
             best,
-            rate,
+            learning_rate: rate,
             seconds: began.elapsed().as_secs_f64(),
             samples_per_second: share * state.loss_samples as f64 / train_seconds.max(1e-9),
         }))?;
@@ -192,7 +192,7 @@ fn train_epoch<T: Task>(
                         step: state.step,
                         epoch: state.epoch,
                         loss,
-                        rate,
+                        learning_rate: rate,
                         gradient_norm,
                         samples,
                         seconds: began.elapsed().as_secs_f64(),

@@ -42,7 +42,7 @@ fn eight_samples_are_learnt_by_heart() {
     config.network.dropout = 0.0;
     config.network.points = 150; // every point of the cloud, every time
     config.augment = AugmentConfig { copies: 79, ..AugmentConfig::none() }; // 80 visits an epoch, all alike
-    config.optimizer.rate = 5e-3;
+    config.optimizer.learning_rate = 5e-3;
     config.optimizer.weight_decay = 0.0;
     config.schedule.kind = train::schedule::ScheduleKind::Cosine;
     let outcome = run(&config, tmp.path(), &tmp.path().join("run")).expect("trained");
@@ -58,7 +58,7 @@ fn a_rule_is_found_on_objects_not_seen() {
     plain_set(tmp.path(), 24, 6);
     let mut config = tiny_config();
     config.epochs = 30;
-    config.optimizer.rate = 4e-3;
+    config.optimizer.learning_rate = 4e-3;
     config.optimizer.average_decay = 0.9;
     let dir = tmp.path().join("run");
     let outcome = run(&config, tmp.path(), &dir).expect("trained");
@@ -107,7 +107,7 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     run(&other, &data, &threads).expect("trained");
     assert_eq!(weights(&whole), weights(&threads), "loader threads must change nothing");
 
-    other.optimizer.rate = 0.5;
+    other.optimizer.learning_rate = 0.5;
     let text = run_until(&other, &data, &parts, true, u64::MAX).expect_err("other settings").to_string();
     assert!(text.contains("other settings"), "{text}");
     let log = std::fs::read_to_string(parts.join("log.jsonl")).expect("a log");

@@ -87,3 +87,22 @@ fn the_hash_follows_the_settings() {
     assert_ne!(hash(&a).unwrap(), hash(&b).unwrap());
     assert_eq!(hash(&a).unwrap().len(), 16);
 }
+
+#[test]
+fn an_old_name_is_refused_with_the_new_one() {
+    #[derive(Debug, Default, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    struct Renamed {
+        learning_rate: f64,
+    }
+    let error = load::<Renamed>(None, &["rate=0.1".to_owned()], &[]).expect_err("an old name").to_string();
+    assert!(error.contains("--set") && error.contains("`rate` is called `learning_rate` now"), "{error}");
+    // A setting that never had that name is only unknown.
+    #[derive(Debug, Default, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    struct Other {
+        seed: u64,
+    }
+    let error = load::<Other>(None, &["rate=0.1".to_owned()], &[]).expect_err("unknown").to_string();
+    assert!(!error.contains("called"), "{error}");
+}

@@ -6,8 +6,10 @@ fn a_hostile_title_stays_text_and_nothing_is_loaded() {
     let points = (0..900).map(|i| Point3::new(f64::from(i % 30) * 0.004, f64::from(i / 30) * 0.004, 0.0)).collect();
     let config = SessionConfig { planner: PlannerName::Farthest, ..Default::default() };
     let mut session = Session::new(config, None).expect("defaults");
-    let scan =
-        Scan::Cloud { cloud: PointCloud { points, normals: Vec::new() }, from: Some(Point3::new(0.0, 0.0, 1.0)) };
+    let scan = Scan::Cloud {
+        cloud: geometry::PointCloud { points, normals: Vec::new() },
+        from: Some(Point3::new(0.0, 0.0, 1.0)),
+    };
     session.add_scan(scan).expect("a scan");
     let mut answer = session.next_view().expect("an answer");
     let hostile = "</script><script>alert(1)</script>{{data}}\"'&";
@@ -18,8 +20,33 @@ fn a_hostile_title_stays_text_and_nothing_is_loaded() {
     let input = ReportInput { title: hostile, session: &session, past: &[], coverage: &[0.3, 0.6] };
     let page = report_html(&answer, &input);
     assert!(!page.contains("<script>alert"), "the title must not become a script");
-    assert_eq!(page.matches("<script").count(), 2, "the page's own two scripts");
+    assert_eq!(page.matches("<script").count(), 3, "the data, the viewer, the program");
     assert!(page.contains("&lt;script&gt;alert(1)"), "it is shown as text");
     assert!(!page.contains("http://") && !page.contains("https://"), "nothing is loaded from elsewhere");
     assert!(page.contains("<polyline"), "the coverage is drawn");
+}
+
+#[test]
+fn the_page_tells_which_scan_saw_a_point_first_and_what_is_expected() {
+    // A sheet seen in two halves that overlap by a strip.
+    let half = |from: i32| -> Vec<Point3<f64>> {
+        let at = |i: i32| Point3::new(f64::from(from + i % 30) * 0.004, f64::from(i / 30) * 0.004, 0.0);
+        (0..900).map(at).collect()
+    };
+    let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+    for from in [0, 20] {
+        let cloud = geometry::PointCloud { points: half(from), normals: Vec::new() };
+        session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.1, 0.06, 1.0)) }).expect("a scan");
+    }
+    let first = first_scans(&session);
+    let cloud = session.cloud();
+    assert_eq!(first.len(), cloud.len());
+    for (p, first) in cloud.points.iter().zip(&first) {
+        assert_eq!(*first, u8::from(p.x > 0.118), "{p}");
+    }
+    let answer = session.next_view().expect("an answer");
+    let expected = session.expected_surface(&answer);
+    assert!(!expected.is_empty(), "the back of a sheet is not known");
+    let page = report_html(&answer, &ReportInput { title: "a", session: &session, past: &[], coverage: &[] });
+    assert!(page.contains(&*escape(&answer.reason())), "{}", answer.reason());
 }

@@ -20,7 +20,7 @@ fn settings_out_of_range_are_named() {
     let cases: [(Spoil, &str); 8] = [
         (|c| c.loader.ready = 1_000_000_000_000, "setting loader.ready = 1000000000000: expected at most 1024"),
         (|c| c.batch = 0, "setting batch = 0: expected at least 1"),
-        (|c| c.optimizer.rate = f64::NAN, "optimizer.rate"),
+        (|c| c.optimizer.learning_rate = f64::NAN, "optimizer.learning_rate"),
         (|c| c.validation.fraction = 1.0, "validation.fraction = 1: expected a share in (0, 1)"),
         (|c| c.augment.diagonal_fraction = [1.0, 0.5], "augment.diagonal_fraction"),
         (|c| c.network.heads = 3, "heads"),

@@ -15,7 +15,7 @@ fn warm_up_is_linear_and_ends_at_the_full_rate() {
 
 #[test]
 fn cosine_starts_full_halves_midway_and_ends_at_the_floor() {
-    let config = ScheduleConfig { kind: ScheduleKind::Cosine, min_rate: 1e-5, ..Default::default() };
+    let config = ScheduleConfig { kind: ScheduleKind::Cosine, min_learning_rate: 1e-5, ..Default::default() };
     let s = Schedule::new(&config, 1e-3, 100);
     assert!((s.rate(0, 0) - 1e-3).abs() < 1e-12);
     assert!((s.rate(50, 0) - (1e-5 + 0.5 * (1e-3 - 1e-5))).abs() < 1e-12, "half way is the mean");

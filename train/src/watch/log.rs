@@ -60,7 +60,7 @@ mod tests {
             step,
             epoch: 0,
             loss: 0.5,
-            rate: 1e-3,
+            learning_rate: 1e-3,
             gradient_norm: 1.0,
             samples: 4,
             seconds: 0.1,

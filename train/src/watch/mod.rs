@@ -88,7 +88,7 @@ impl Watch {
         let scalars: Vec<(&str, f64)> = match record {
             Record::Step(s) => vec![
                 ("loss/step", s.loss),
-                ("rate", s.rate),
+                ("learning_rate", s.learning_rate),
                 ("gradient_norm", s.gradient_norm),
                 ("samples_per_second", s.samples as f64 / s.seconds.max(1e-9)),
             ],

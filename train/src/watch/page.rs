@@ -47,7 +47,11 @@ pub fn render(title: &str, records: &[Record], total_steps: Option<u64>) -> Stri
             false,
         ),
         chart("Loss per step (logarithmic)", &with_smoothed("loss", steps().map(|s| (s.step as f64, s.loss))), true),
-        chart("Learning rate", &[("rate", steps().map(|s| (s.step as f64, s.rate)).collect())], false),
+        chart(
+            "Learning rate",
+            &[("learning rate", steps().map(|s| (s.step as f64, s.learning_rate)).collect())],
+            false,
+        ),
         chart(
             "Gradient norm (logarithmic)",
             &with_smoothed("norm", steps().map(|s| (s.step as f64, s.gradient_norm))),

@@ -44,7 +44,7 @@ pub struct StepRecord {
     /// Training loss of the step's batch.
     pub loss: f64,
     /// Learning rate.
-    pub rate: f64,
+    pub learning_rate: f64,
     /// L2 norm of the whole gradient before clipping.
     pub gradient_norm: f64,
     /// Samples in the step.
@@ -71,7 +71,7 @@ pub struct EpochRecord {
     /// Whether this is the lowest validation regret so far.
     pub best: bool,
     /// Learning rate of the last step.
-    pub rate: f64,
+    pub learning_rate: f64,
     /// Wall time, seconds, validation included.
     pub seconds: f64,
     /// Training samples per second, validation excluded.

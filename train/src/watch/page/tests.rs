@@ -9,7 +9,7 @@ fn records(n: u64) -> Vec<Record> {
             step: i,
             epoch: 0,
             loss: 1.0 / i as f64,
-            rate: 1e-3,
+            learning_rate: 1e-3,
             gradient_norm: f64::NAN,
             samples: 8,
             seconds: 0.1,
@@ -23,7 +23,7 @@ fn records(n: u64) -> Vec<Record> {
         valid_loss: 0.4,
         valid: RankingMetrics { decisions: 10, regret: 0.01, random_regret: 0.04, ..Default::default() },
         best: true,
-        rate: 1e-3,
+        learning_rate: 1e-3,
         seconds: 3.0,
         samples_per_second: 12.0,
     }));
