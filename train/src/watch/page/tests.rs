@@ -35,7 +35,7 @@ fn records(n: u64) -> Vec<Record> {
 fn the_page_is_self_contained_and_reloads_until_done() {
     let page = render("run <1>", &records(20), Some(1220));
     assert!(page.contains("<svg") && page.contains("http-equiv=\"refresh\""));
-    assert!(page.contains("Step 20 of 1220, about 2 min left") && page.contains(">smoothed<"));
+    assert!(page.contains("Step 20 of 1220, about 2 min left") && page.contains("smoothed"));
     assert!(page.contains("0.250"), "the relative regret");
     assert!(page.contains("a &lt;script&gt; &amp; more") && page.contains("run &lt;1&gt;"));
     assert!(!page.contains("<script") && !page.contains("src=") && !page.contains("href="));
