@@ -42,6 +42,7 @@ pub mod overlap;
 pub mod planner;
 pub mod planners;
 pub mod pose;
+pub mod registration;
 pub mod scan;
 pub mod session;
 pub mod state;

@@ -1,0 +1,116 @@
+//! Registration of a scan onto the cloud: point-to-plane ICP that starts from the pose given, says which motions the overlap
+//! does not determine, and refuses what is not safe. The method and what it is worth: docs/registration.md.
+
+pub mod config;
+mod gate;
+mod icp;
+mod information;
+mod model;
+mod motion;
+mod prior;
+pub mod registrability;
+
+use geometry::PointCloud;
+use nalgebra::{Isometry3, Point3, Translation3};
+use serde::{Deserialize, Serialize};
+
+pub use config::{About, Icp, Register, Registrability, RegistrationConfig};
+pub use gate::Unsafe;
+pub use information::Information;
+pub use model::Model;
+pub use motion::{Motion, MotionKind};
+pub use prior::PoseError;
+
+/// Coordinates in which a small motion is six lengths: rotations about `center` times `radius`, and shifts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// The middle of the object, as far as it is known.
+    pub center: Point3<f64>,
+    /// How far its points lie from there, roughly, metres.
+    pub radius: f64,
+}
+
+impl Frame {
+    /// Of the radius to the diagonal of the box: objects 0.2 m across have their points 65 mm from the centre.
+    const OF_DIAGONAL: f64 = 0.325;
+
+    /// Around the points of these clouds.
+    pub fn around(clouds: &[&PointCloud]) -> Self {
+        let boxes = clouds.iter().filter(|c| !c.is_empty()).map(|c| c.bounding_box());
+        let whole = boxes.reduce(|(low, high), (l, h)| (low.inf(&l), high.sup(&h)));
+        let (low, high) = whole.unwrap_or((Point3::origin(), Point3::origin()));
+        let radius = Self::OF_DIAGONAL * (high - low).norm();
+        Self { center: nalgebra::center(&low, &high), radius: radius.max(f64::MIN_POSITIVE.sqrt()) }
+    }
+}
+
+/// A scan that is to be registered.
+#[derive(Clone, Copy, Debug)]
+pub struct Moving<'a> {
+    /// Its points, with normals towards the camera, where the pose given puts them.
+    pub cloud: &'a PointCloud,
+    /// Area that a point stands for, square to the line of sight, square metres.
+    pub footprint_m2: f64,
+}
+
+/// What became of a registration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Registered {
+    /// Moves the scan from where the pose given puts it onto the cloud.
+    #[serde(skip)]
+    pub correction: Isometry3<f64>,
+    /// Root mean square of how far that moves the scan's points, metres.
+    pub shift_m: f64,
+    /// By how much it turns them, degrees.
+    pub turn_deg: f64,
+    /// Share of the scan's points that then lie within the tolerance of the cloud.
+    pub fitness: f64,
+    /// The same, only where the normals are alike too: opposite sides of a thin wall do not count.
+    pub like_normals: f64,
+    /// Root mean square distance along the normals of the pairs that ICP ended with, metres.
+    pub rms_m: f64,
+    /// How well the overlap determines the motion it determines least ([`Information::lambda`]).
+    pub lambda: f64,
+    /// Root mean square error of the points that is expected by the overlap, the noise and the robot's accuracy, metres.
+    pub expected_error_m: f64,
+    /// Whether the last step was small.
+    pub converged: bool,
+    /// The motion that the overlap determines least, if there is an overlap.
+    pub weakest: Option<Motion>,
+    /// Why this result must not be used; absent where it may.
+    pub refused: Option<Unsafe>,
+}
+
+/// Registers a scan onto the cloud of those before it. The answer follows from the arguments alone.
+pub fn register(scan: Moving, model: &Model, error: &PoseError, config: &RegistrationConfig) -> Registered {
+    let frame = Frame::around(&[model.cloud, scan.cloud]);
+    let prior = prior::Prior::new(error, &frame, scan.cloud);
+    let fit = icp::fit(scan.cloud, model, &frame, &prior, config);
+    let correction = {
+        let c = frame.center.coords;
+        Isometry3::from_parts(Translation3::from(c + fit.shift - fit.rotation * c), fit.rotation)
+    };
+    let squared: f64 = scan.cloud.points.iter().map(|p| (correction * p - p).norm_squared()).sum();
+    let shift_m = (squared / scan.cloud.len().max(1) as f64).sqrt();
+    let overlap = model.overlap_of(&scan, &correction, &frame);
+    let lambda = overlap.information.lambda(frame.radius);
+    let weakest = overlap.information.weakest(&frame);
+    let expected_error_m = prior.error_after(&fit, scan.footprint_m2 / model.pixel_area(), config.prior);
+    let refused = config.gate.then(|| gate::judge(&fit, shift_m, expected_error_m, &prior, model.tolerance, &weakest));
+    Registered {
+        correction,
+        shift_m,
+        turn_deg: fit.rotation.angle().to_degrees(),
+        fitness: overlap.share,
+        like_normals: overlap.like_normals,
+        rms_m: fit.rms,
+        lambda,
+        expected_error_m,
+        converged: fit.converged,
+        weakest,
+        refused: refused.flatten(),
+    }
+}
+
+#[cfg(test)]
+mod tests;
