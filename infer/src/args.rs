@@ -6,6 +6,7 @@ use clap::Parser;
 use formats::program::{CommonArgs, EXIT_CODES, length, share};
 use planning::Misses;
 use planning::PlannerName;
+use planning::registration::Register;
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -16,6 +17,7 @@ Examples:
   infer --scan a.ply b.ply --distance 0.6 --report next.html
   infer --depth d.png --intrinsics 514.1,514.1,640,360 --pose pose.json --json
   infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --views-from stops.json
+  infer --scan a.ply b.ply --from 0,0,1 0.7,0,0.7 --register refine --pose-error 0.002,0.3
   infer --session part7 --scan c.ply --from 0.8,0.2,0.9
   infer --object procedural:3 --views 10 --report loop.html
   infer --serve --http 127.0.0.1:8350
@@ -59,6 +61,13 @@ pub struct Args {
     /// Unit of the clouds and of --from; metres, or the unit that a text cloud names with its columns, if not given.
     #[arg(long, value_enum, requires = "scan", conflicts_with_all = ["object", "serve"])]
     pub unit: Option<Unit>,
+    /// Register each scan onto those before it: off, check (says how far it is off), or refine (moves it, or refuses it with the
+    /// reason). docs/robots.md, 'Scans that do not quite fit'.
+    #[arg(long, value_name = "MODE", value_parser = register)]
+    pub register: Option<Register>,
+    /// The robot's accuracy for --register, standard deviations per axis: METRES,DEGREES (0.002,0.3 if not given).
+    #[arg(long, value_name = "METRES,DEGREES", value_parser = numbers::<2>)]
+    pub pose_error: Option<[f64; 2]>,
     /// Distance from target to camera in metres, or a range to choose from: MIN..MAX.
     #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = distances)]
     pub distance: Option<(f64, f64)>,
@@ -170,6 +179,15 @@ fn misses(text: &str) -> Result<Misses, String> {
         "free" => Ok(Misses::Free),
         "unknown" => Ok(Misses::Unknown),
         _ => Err("expected free or unknown".to_owned()),
+    }
+}
+
+fn register(text: &str) -> Result<Register, String> {
+    match text {
+        "off" => Ok(Register::Off),
+        "check" => Ok(Register::Check),
+        "refine" => Ok(Register::Refine),
+        _ => Err("expected off, check or refine".to_owned()),
     }
 }
 

@@ -101,12 +101,16 @@ fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
         None => (None, None),
     };
     let misses = args.misses.map(toml::Value::try_from).transpose()?;
+    let register = args.register.map(toml::Value::try_from).transpose()?;
     let flags = [
         Flag::given("--distance", "working_distance_m", fixed),
         Flag::given("--distance", "working_distance_range_m", range),
         Flag::given("--planner", "planner", args.planner.map(|p| p.as_str())),
         Flag::given("--stop-below", "stop_below", args.stop_below),
         Flag::given("--misses", "misses", misses),
+        Flag::given("--register", "registration.register", register),
+        Flag::given("--pose-error", "registration.pose_error_m", args.pose_error.map(|[m, _]| m)),
+        Flag::given("--pose-error", "registration.pose_error_deg", args.pose_error.map(|[_, deg]| deg)),
     ];
     let mut config: SessionConfig = CommonArgs { set, ..args.common.clone() }.settings(flags)?;
     if fixed.is_some() {

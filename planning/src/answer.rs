@@ -3,6 +3,8 @@
 use crate::constraints::{Exclusion, Objection};
 use crate::planners::auto::Evidence;
 use crate::pose::Pose;
+use crate::registration::Registered;
+use crate::registration::registrability::Prediction;
 use crate::stop::{Missing, Stop};
 use crate::{CameraPose, PastScan, Surface};
 use serde::{Deserialize, Serialize};
@@ -34,6 +36,9 @@ pub struct Candidate {
     /// Which of the given views it is, from 0; absent where views are not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub given: Option<usize>,
+    /// How well its scan could be registered; absent where that is not asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registration: Option<Prediction>,
 }
 
 /// What was planned on.
@@ -72,6 +77,18 @@ impl EstimatedCamera {
     }
 }
 
+/// What registering a scan found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScanRegistration {
+    /// Which scan, from 1.
+    pub scan: usize,
+    /// Whether it, and its camera, were moved by the correction.
+    pub moved: bool,
+    /// What was found.
+    #[serde(flatten)]
+    pub found: Registered,
+}
+
 fn yes() -> bool {
     true
 }
@@ -92,6 +109,9 @@ pub struct Answer {
     /// The cameras that were not given and had to be estimated, each with its doubt.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimated_cameras: Vec<EstimatedCamera>,
+    /// What registering each scan found, oldest first; absent where nothing was registered.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub registrations: Vec<ScanRegistration>,
     /// What was planned on.
     pub cloud: CloudSummary,
     /// The known and the expected surface, where the planner makes them out.
@@ -231,6 +251,9 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     };
     if let Some(overlap) = next.expected_overlap {
         let _ = write!(benefit, ", overlap {:.0} %", 100.0 * overlap);
+    }
+    if let Some(expected) = &next.registration {
+        let _ = write!(benefit, ", {}", expected.describe());
     }
     line(benefit);
     if stop.stop {

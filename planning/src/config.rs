@@ -4,6 +4,7 @@ use crate::Misses;
 use crate::accumulate::Accumulate;
 use crate::constraints::{Box3, ConstraintsConfig};
 use crate::pose::PoseConfig;
+use crate::registration::RegistrationConfig;
 use geometry::PinholeCamera;
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +52,8 @@ pub struct SessionConfig {
     pub pose: PoseConfig,
     /// What the cell allows; everything is off by default.
     pub constraints: ConstraintsConfig,
+    /// Whether scans are registered, and views chosen so that they can be.
+    pub registration: RegistrationConfig,
 }
 
 impl Default for SessionConfig {
@@ -72,6 +75,7 @@ impl Default for SessionConfig {
             misses: Misses::Unknown,
             pose: PoseConfig::default(),
             constraints: ConstraintsConfig::default(),
+            registration: RegistrationConfig::default(),
         }
     }
 }
@@ -121,6 +125,7 @@ impl SessionConfig {
         }
         self.check_work()?;
         self.camera.check()?;
+        self.registration.check()?;
         self.constraints.check()
     }
 

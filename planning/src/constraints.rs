@@ -252,6 +252,8 @@ pub enum Constraint {
     Visited,
     /// In or too near the measured surface.
     Clearance,
+    /// Its scan could hardly be registered.
+    Registrability,
 }
 
 impl Constraint {
@@ -266,6 +268,7 @@ impl Constraint {
             Self::Overlap => "min_overlap",
             Self::Visited => "visited_radius_m",
             Self::Clearance => "clearance_m",
+            Self::Registrability => "registration.registrability",
         }
     }
 }

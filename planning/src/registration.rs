@@ -10,6 +10,7 @@ mod motion;
 mod prior;
 pub mod registrability;
 
+use crate::answer::length;
 use geometry::PointCloud;
 use nalgebra::{Isometry3, Point3, Translation3};
 use serde::{Deserialize, Serialize};
@@ -57,7 +58,7 @@ pub struct Moving<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Registered {
     /// Moves the scan from where the pose given puts it onto the cloud.
-    #[serde(skip)]
+    #[serde(with = "as_pose")]
     pub correction: Isometry3<f64>,
     /// Root mean square of how far that moves the scan's points, metres.
     pub shift_m: f64,
@@ -79,6 +80,37 @@ pub struct Registered {
     pub weakest: Option<Motion>,
     /// Why this result must not be used; absent where it may.
     pub refused: Option<Unsafe>,
+}
+
+impl Registered {
+    /// For people.
+    pub fn describe(&self) -> String {
+        let [shift, rms] = [self.shift_m, self.rms_m].map(length);
+        let weakest = self.weakest.map_or(String::new(), |motion| format!(", may most easily {motion}"));
+        format!(
+            "{shift} and {:.2} degrees off, {:.0} % of it on the cloud within {rms} (lambda {:.1}{weakest})",
+            self.turn_deg,
+            100.0 * self.like_normals,
+            self.lambda
+        )
+    }
+}
+
+/// A rigid motion in JSON: 4 x 4, row by row.
+mod as_pose {
+    use crate::pose::{Pose, rigid};
+    use nalgebra::Isometry3;
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(motion: &Isometry3<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+        Pose::from(motion).matrix.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Isometry3<f64>, D::Error> {
+        let rows = <[[f64; 4]; 4]>::deserialize(deserializer)?;
+        rigid(&rows).map(|(motion, _)| motion).map_err(D::Error::custom)
+    }
 }
 
 /// Registers a scan onto the cloud of those before it. The answer follows from the arguments alone.

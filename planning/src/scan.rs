@@ -5,6 +5,7 @@ use crate::config::SessionConfig;
 use crate::doubt::{self, PositionDoubt};
 use crate::estimate::estimated_scans;
 use crate::normals;
+use crate::registration::Registered;
 use crate::thin;
 use crate::{Budget, CameraPose, Misses, PastScan, Seen, Stopped};
 use geometry::{
@@ -79,7 +80,7 @@ pub struct Reading {
 }
 
 /// What became of a scan's points.
-#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ScanReport {
     /// Points given.
     pub read: usize,
@@ -108,6 +109,9 @@ pub struct ScanReport {
     pub normals_ignored: bool,
     /// Used for planning.
     pub used: usize,
+    /// What registering it found, where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registration: Option<Registered>,
 }
 
 impl ScanReport {
@@ -125,7 +129,10 @@ impl ScanReport {
         for (count, what) in parts.into_iter().filter(|(count, _)| *count > 0) {
             line += &format!(", {count} {what}");
         }
-        if self.used == self.read { line } else { format!("{line}: {} used", self.used) }
+        if self.used != self.read {
+            line = format!("{line}: {} used", self.used);
+        }
+        self.registration.as_ref().map_or(line.clone(), |found| format!("{line}; {}", found.describe()))
     }
 }
 
@@ -142,6 +149,8 @@ pub(crate) struct PreparedScan {
     pub measured_spacing: f64,
     /// Why the camera position that came with it was not believed.
     pub doubt: Option<PositionDoubt>,
+    /// Whether it was registered onto those before it.
+    pub moved: bool,
     pub report: ScanReport,
     pub reading: Reading,
 }
@@ -270,7 +279,19 @@ pub(crate) fn prepare(
     }
     let past = past.into_iter().map(Arc::new).collect();
     let measured_spacing = if report.thinned > 0 { spacing_of_all.min(spacing) } else { spacing };
-    Ok((PreparedScan { past, cloud, spacing, measured_spacing, doubt, report, reading: Reading::default() }, near))
+    Ok((
+        PreparedScan {
+            past,
+            cloud,
+            spacing,
+            measured_spacing,
+            doubt,
+            moved: false,
+            report,
+            reading: Reading::default(),
+        },
+        near,
+    ))
 }
 
 /// What a planner may know of a scan with these points; `None` where the camera is unknown.

@@ -3,33 +3,32 @@
 mod bounds;
 mod doubts;
 mod error;
+mod merging;
 mod missing;
 mod ranking;
+pub mod registering;
 mod request;
 mod warnings;
 
-use crate::accumulate::reference_surface;
 use crate::answer::{Answer, Candidate, CloudSummary, EstimatedCamera};
 use crate::config::SessionConfig;
 use crate::constraints::{Objection, Surroundings, count_exclusions};
 use crate::doubt::Offset;
+use crate::overlap;
 use crate::planners::auto::{AutoPlanner, Network};
 use crate::pose::{Pose, world_from_camera};
+use crate::registration::registrability::Demand;
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
 use crate::{Accumulate, Budget, Evidence, Planner, ScanState};
-use crate::{accumulate, overlap};
-use geometry::{PointCloud, mean_spacing};
+use geometry::PointCloud;
 use nalgebra::{Isometry3, Point3};
 use ranking::{Ranking, rank};
-use std::sync::{Arc, OnceLock};
+use registering::unregistrable;
+use std::sync::Arc;
 
 pub use error::SessionError;
 pub use request::Request;
-
-/// Of the spacing that thinning adds, so much more does a point stand for: the widest holes between points that are thinned
-/// to a radius reach about as far.
-const THINNED: f64 = 0.9;
 
 /// A camera within this share of the working distance of a given view has scanned from there.
 const SAME_PLACE: f64 = 2e-3;
@@ -46,6 +45,8 @@ pub struct Session {
     given_views: Arc<[Isometry3<f64>]>,
     /// How far each scan lies off those before it, as far as it was asked.
     offsets: Vec<Option<Offset>>,
+    /// Where scans were taken that could not be registered onto the cloud as it is now.
+    unregistered: Vec<Point3<f64>>,
     truth: Option<Truth>,
 }
 
@@ -88,6 +89,7 @@ impl Session {
             ranking: None,
             given_views: Arc::default(),
             offsets: Vec::new(),
+            unregistered: Vec::new(),
             truth,
         }
     }
@@ -125,7 +127,7 @@ impl Session {
     /// Adds a scan and says what became of its points.
     ///
     /// # Errors
-    /// Too few usable points: the session stays as it was.
+    /// Too few usable points, or a scan that is to be registered and does not fit: the session stays as it was.
     pub fn add_scan(&mut self, scan: Scan) -> Result<ScanReport, SessionError> {
         self.add_scan_within(scan, Reading::default(), &Budget::default())
     }
@@ -144,6 +146,8 @@ impl Session {
         let refused = |refusal| SessionError::refused(refusal, least, &reading);
         let (mut prepared, near) = prepare(scan, &self.config, budget).map_err(refused)?;
         prepared.reading = reading;
+        self.register(&mut prepared)?;
+        self.unregistered.clear();
         let report = prepared.report.clone();
         self.scans.push(prepared);
         self.take_in(self.scans.len() - 1);
@@ -165,6 +169,7 @@ impl Session {
     pub fn reset(&mut self) {
         self.scans.clear();
         self.offsets.clear();
+        self.unregistered.clear();
         self.planners.reset();
         self.rebuild();
     }
@@ -247,16 +252,18 @@ impl Session {
             visited,
         };
         let usual_scan = overlap::usual_scan(&self.state.cloud, self.scans.len());
+        let demand = Demand::on(&self.state, &config.registration);
         let mut candidates: Vec<Candidate> = ranked
             .iter()
             .take_while(|_| budget.allows(true).is_ok())
             .map(|(ranked, distance)| {
                 let view = &ranked.view;
                 let overlap = ranked.overlap.or_else(|| {
-                    (constraints.min_overlap > 0.0)
+                    (constraints.min_overlap > 0.0 || demand.as_ref().is_some_and(|(d, _)| d.needs_overlap()))
                         .then(|| overlap::estimate(&self.state.cloud, view, &self.state.camera, usual_scan))
                 });
                 let given = given.iter().position(|g| g == view);
+                let registration = demand.as_ref().map(|(demand, frame)| demand.predict(&self.state, view, frame));
                 let pose = match given {
                     Some(i) => self.given_views[i],
                     None => world_from_camera(view, &self.config.pose, &constraints.up()),
@@ -273,9 +280,21 @@ impl Session {
                     expected_overlap: overlap,
                     objections: match scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
                         true => vec![Objection::scanned()],
-                        false => constraints.objections(view, overlap.map(|o| o - overlap::margin(num_scans)), &known),
+                        false => {
+                            let least = overlap.map(|o| o - overlap::margin(num_scans));
+                            let mut objections = constraints.objections(view, least, &known);
+                            objections.extend(unregistrable(
+                                view,
+                                &self.unregistered,
+                                least,
+                                registration.as_ref(),
+                                demand.as_ref().map(|(demand, _)| demand),
+                            ));
+                            objections
+                        }
                     },
                     given,
+                    registration,
                 }
             })
             .collect();
@@ -302,6 +321,7 @@ impl Session {
             planner_reason: choice.why,
             evidence: Evidence::of(&self.state),
             estimated_cameras: self.state.scans.iter().filter_map(|scan| EstimatedCamera::of(scan)).collect(),
+            registrations: self.registrations(),
             cloud: self.summary(boundary),
             surface,
             missing,
@@ -323,65 +343,6 @@ impl Session {
             bounding_box_m: [low.coords.into(), high.coords.into()],
             boundary_points,
         }
-    }
-
-    /// The state from all scans anew.
-    fn rebuild(&mut self) {
-        self.state = ScanState { given_views: Arc::clone(&self.given_views), ..ScanState::default() };
-        self.ranking = None;
-        match self.config.accumulate {
-            Accumulate::Thinned if self.scans.is_empty() => {}
-            Accumulate::Thinned => self.take_in(self.scans.len() - 1),
-            _ => (0..self.scans.len()).for_each(|i| self.take_in(i)),
-        }
-    }
-
-    /// The state with scan `index`, after those before it.
-    fn take_in(&mut self, index: usize) {
-        self.ranking = None;
-        let config = &self.config;
-        let scans = &self.scans[..=index];
-        let first_spacing = scans[0].spacing;
-        let (old, new) = (std::mem::take(&mut self.state.cloud), &scans[index].cloud);
-        let cloud = match config.accumulate {
-            Accumulate::Thinned => accumulate::all_thinned(scans, first_spacing, config),
-            Accumulate::Averaged if new.is_empty() => old,
-            Accumulate::Averaged => accumulate::averaged(&old, new, first_spacing, config.accumulate.voxel_origin()),
-            Accumulate::Matched => match &mut self.truth {
-                Some(truth) => {
-                    if index == 0 {
-                        truth.reference = reference_surface(&truth.samples, first_spacing, config.accumulate);
-                    }
-                    match new.is_empty() {
-                        true => old,
-                        false => accumulate::matched(&old, new, &truth.reference, first_spacing, config.tolerance_m),
-                    }
-                }
-                None => old,
-            },
-        };
-        let (grid_size, measured) = match config.accumulate {
-            Accumulate::Thinned if scans.len() > 1 => {
-                let measured = scans.iter().map(|s| s.measured_spacing).fold(f64::INFINITY, f64::min);
-                (mean_spacing(&cloud.points), measured)
-            }
-            Accumulate::Thinned => (first_spacing, scans[0].measured_spacing),
-            _ => (first_spacing, first_spacing),
-        };
-        let reach = config.tolerance_m + THINNED * (grid_size - measured).max(0.0);
-        self.state = ScanState {
-            reach,
-            cloud,
-            scans: scans.iter().flat_map(|scan| scan.past.iter().cloned()).collect(),
-            num_scans: scans.len(),
-            grid_size,
-            working_distance: config.working_distance_m,
-            tolerance: config.tolerance_m,
-            camera: config.camera.camera(),
-            given_views: Arc::clone(&self.given_views),
-            near: OnceLock::new(),
-            budget: Budget::default(),
-        };
     }
 }
 

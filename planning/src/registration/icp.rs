@@ -12,8 +12,8 @@ const FIRST_REACH: f64 = 1.7;
 const LAST_REACH: f64 = 2.5;
 /// Steps of a stage.
 const MOST_STEPS: usize = 15;
-/// Tolerances of a step that is none.
-const STILL: f64 = 0.01;
+/// Tolerances of a step that is none, in coarse stages and in the last.
+const STILL: [f64; 2] = [0.01, 0.0005];
 /// Points of a scan in the coarse stages.
 const COARSE: usize = 350;
 /// Least pairs, of all points; and of any step, which determines six numbers.
@@ -105,7 +105,7 @@ fn stage(
             return false;
         }
         let step = solve(fit, pairs, frame, prior, config.prior, model.tolerance);
-        fit.converged = step.norm() < STILL * model.tolerance;
+        fit.converged = step.norm() < STILL[usize::from(fine)] * model.tolerance;
         if fit.converged {
             break;
         }

@@ -28,6 +28,15 @@ pub struct Prediction {
     pub weakest: Option<Motion>,
 }
 
+impl Prediction {
+    /// For people.
+    pub fn describe(&self) -> String {
+        let weakest = self.weakest.map_or(", nothing known is in view".to_owned(), |motion| format!(", may {motion}"));
+        let named = if self.failure > ACCEPTED || self.weakest.is_none() { weakest } else { String::new() };
+        format!("registration fails with {:.0} %{named}", 100.0 * self.failure)
+    }
+}
+
 /// The surface of the cloud that a view sees: the nearest point of each cell of an image about as fine as the cloud, if
 /// nothing in the cells beside it hides it. A cell counts its area at the point's depth, square to the line of sight.
 pub fn seen_again(state: &ScanState, view: &View, frame: &Frame) -> Information {
@@ -121,6 +130,13 @@ impl Demand {
     const FITS: [[f64; 3]; 2] = [[0.5, 1.5, 2.0], [3.0, 4.0, 2.0]];
     const ERRORS: [f64; 2] = [0.055, 0.22];
 
+    /// What the settings ask of views on this state, with the object's frame as far as it is known; `None` where they ask nothing.
+    pub fn on(state: &ScanState, config: &RegistrationConfig) -> Option<(Self, Frame)> {
+        let asked = config.registrability != Registrability::Off && !state.cloud.is_empty();
+        let frame = asked.then(|| Frame::around(&[&state.cloud]))?;
+        Some((Self::new(config, &frame, state.working_distance), frame))
+    }
+
     /// By the settings, for views at `distance` from an object in this frame.
     pub fn new(config: &RegistrationConfig, frame: &Frame, distance: f64) -> Self {
         let kind = usize::from(config.kind == Icp::Plain);
@@ -152,9 +168,26 @@ impl Demand {
         self.overlap
     }
 
-    /// What is asked for.
-    pub fn rule(&self) -> Registrability {
-        self.rule
+    /// Whether the overlap decides.
+    pub fn needs_overlap(&self) -> bool {
+        self.rule == Registrability::Overlap
+    }
+
+    /// Why a view is not to be taken; `None` where it may.
+    pub fn objection(&self, overlap: Option<f64>, expected: &Prediction) -> Option<String> {
+        match self.rule {
+            Registrability::Off => None,
+            Registrability::Overlap => {
+                let overlap = overlap?.max(0.0);
+                (overlap < self.overlap)
+                    .then(|| format!("overlap of at least {overlap:.2}, required {:.2}", self.overlap))
+            }
+            Registrability::Lambda => {
+                let least = self.least_lambda();
+                (expected.lambda < least)
+                    .then(|| format!("{}, lambda {:.1}, required {least:.1}", expected.describe(), expected.lambda))
+            }
+        }
     }
 
     /// What is expected of a view.

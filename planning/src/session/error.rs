@@ -2,6 +2,7 @@
 
 use crate::config::ConfigError;
 use crate::planners::auto::ChooseError;
+use crate::registration::Unsafe;
 use crate::scan::{Reading, Refusal, ScanReport};
 use crate::{PlanError, Stopped};
 
@@ -35,6 +36,14 @@ pub enum SessionError {
         across_m: f64,
         /// Whether its numbers were taken for less than metres.
         in_millimetres: bool,
+    },
+    /// A scan that is to be moved onto the cloud, and cannot be.
+    #[error(
+        "the scan cannot be registered and is left out: {why}; or registration.register = \"check\" takes it as it is"
+    )]
+    Unregistered {
+        /// Why.
+        why: Unsafe,
     },
     /// The planner has no view for a reason that is no end.
     #[error(transparent)]

@@ -19,6 +19,7 @@ impl Session {
     pub(super) fn warnings(&self, next: Option<&Candidate>, candidates: &[Candidate]) -> Vec<String> {
         let mut warnings = self.notes();
         warnings.extend(self.doubts(next));
+        warnings.extend(self.unfit());
         let reports = || self.scans.iter().map(|s| &s.report);
         let total = |count: fn(&ScanReport) -> usize| reports().map(count).sum::<usize>();
         let (read, used, thinned) = (total(|r| r.read), total(|r| r.used), total(|r| r.thinned));

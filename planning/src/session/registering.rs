@@ -1,0 +1,138 @@
+//! Scans registered onto the cloud as they come, and views from which a scan could not be.
+
+use super::{Session, SessionError};
+use crate::answer::{ScanRegistration, length};
+use crate::constraints::{Constraint, Objection};
+use crate::registration::registrability::{Demand, Prediction};
+use crate::registration::{Model, Moving, Register, register};
+use crate::scan::PreparedScan;
+use crate::{PastScan, Seen};
+use geometry::View;
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
+
+/// Share of the working distance within which a view repeats one whose scan could not be registered: some 10 degrees.
+const REPEATS: f64 = 0.17;
+/// Tolerances from which on a correction is worth a warning.
+const WORTH_TELLING: f64 = 0.5;
+
+impl Session {
+    /// Registers a scan, where that is asked for, and moves it where it is to be moved.
+    ///
+    /// # Errors
+    /// It is to be moved, and where to is not sure: its place is remembered until the cloud changes.
+    pub(super) fn register(&mut self, scan: &mut PreparedScan) -> Result<(), SessionError> {
+        let config = &self.config.registration;
+        if config.register == Register::Off || self.state.cloud.is_empty() || scan.cloud.is_empty() {
+            return Ok(());
+        }
+        let camera = scan.camera_position();
+        let model = Model::of(&self.state, config.kind);
+        let moving = Moving { cloud: &scan.cloud, footprint_m2: footprint(scan) };
+        let found = register(moving, &model, &config.error(camera), config);
+        if config.register == Register::Refine {
+            if let Some(why) = found.refused.clone() {
+                self.unregistered.extend(camera);
+                return Err(SessionError::Unregistered { why });
+            }
+            scan.move_by(&found.correction);
+        }
+        scan.report.registration = Some(found);
+        Ok(())
+    }
+
+    /// Cameras whose scans could not be registered onto the cloud as it is.
+    pub fn unregistered(&self) -> &[Point3<f64>] {
+        &self.unregistered
+    }
+
+    /// What registering the scans found.
+    pub(super) fn registrations(&self) -> Vec<ScanRegistration> {
+        let found = (1..).zip(&self.scans).filter_map(|(number, scan)| {
+            let found = scan.report.registration.clone()?;
+            Some(ScanRegistration { scan: number, moved: scan.moved, found })
+        });
+        found.collect()
+    }
+
+    /// A sentence for each scan that lies elsewhere than its pose says, or whose place is not sure.
+    pub(super) fn unfit(&self) -> Vec<String> {
+        let tolerance = self.config.tolerance_m;
+        let tell = |ScanRegistration { scan, moved, found }: ScanRegistration| match (&found.refused, moved) {
+            (Some(why), false) => Some(format!("scan {scan} was not registered: {why}")),
+            _ if found.shift_m < WORTH_TELLING * tolerance => None,
+            (_, false) => Some(format!(
+                "scan {scan} fits best {} and {:.2} degrees from where its pose puts it: check the pose, or register \
+                 (--register refine)",
+                length(found.shift_m),
+                found.turn_deg
+            )),
+            (_, true) => Some(format!(
+                "scan {scan} was moved by {} and {:.2} degrees onto the cloud",
+                length(found.shift_m),
+                found.turn_deg
+            )),
+        };
+        self.registrations().into_iter().filter_map(tell).collect()
+    }
+}
+
+/// Why the scan of a view could hardly be registered.
+pub(super) fn unregistrable(
+    view: &View,
+    unregistered: &[Point3<f64>],
+    overlap: Option<f64>,
+    expected: Option<&Prediction>,
+    demand: Option<&Demand>,
+) -> Option<Objection> {
+    let object = |reason| Some(Objection { constraint: Constraint::Registrability, reason });
+    if repeats(view, unregistered) {
+        return object("a scan from here could not be registered onto the cloud as it is".to_owned());
+    }
+    demand?.objection(overlap, expected?).and_then(object)
+}
+
+/// Whether a view is one of those whose scans could not be registered.
+pub fn repeats(view: &View, unregistered: &[Point3<f64>]) -> bool {
+    let near = REPEATS * (view.position - view.target).norm();
+    unregistered.iter().any(|p| (p - view.position).norm() < near)
+}
+
+impl PreparedScan {
+    fn move_by(&mut self, motion: &Isometry3<f64>) {
+        self.moved = true;
+        self.cloud = self.cloud.transformed(motion);
+        for past in &mut self.past {
+            let mut moved = PastScan::clone(past);
+            moved.world_from_camera = motion * moved.world_from_camera;
+            if let Seen::Points(points) = &mut moved.seen {
+                points.iter_mut().for_each(|p| *p = motion * *p);
+            }
+            *past = Arc::new(moved);
+        }
+    }
+}
+
+/// Area that a point of a scan stands for, square to the line of sight.
+fn footprint(scan: &PreparedScan) -> f64 {
+    let measured = scan.report.used + scan.report.thinned;
+    let share = measured as f64 / scan.cloud.len().max(1) as f64;
+    let images = scan.past.iter().filter_map(|past| match &past.seen {
+        Seen::Depth { camera, .. } => Some((camera, past.world_from_camera)),
+        Seen::Points(_) => None,
+    });
+    if let Some((camera, world_from_camera)) = images.last() {
+        let (forward, from) = (world_from_camera * Vector3::z(), Point3::from(world_from_camera.translation.vector));
+        let squared: f64 = scan.cloud.points.iter().map(|p| (p - from).dot(&forward).powi(2)).sum();
+        return share * squared / scan.cloud.len().max(1) as f64 / (camera.fx * camera.fy);
+    }
+    let cosine = |from: Point3<f64>| {
+        let each = scan.cloud.points.iter().zip(&scan.cloud.normals);
+        let sum: f64 = each.map(|(p, n)| (from - p).normalize().dot(n).abs()).sum();
+        sum / scan.cloud.len().max(1) as f64
+    };
+    scan.spacing * scan.spacing * scan.camera_position().map_or(1.0, cosine)
+}
+
+#[cfg(test)]
+mod tests;

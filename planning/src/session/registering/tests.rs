@@ -1,0 +1,117 @@
+use super::*;
+use crate::registration::{Registrability, RegistrationConfig};
+use crate::{Scan, SessionConfig};
+use geometry::PointCloud;
+use nalgebra::{Translation3, UnitQuaternion};
+
+/// Three sides of a box, 80 mm long, as seen from a corner, or a part of it.
+fn sides(skip: usize) -> PointCloud {
+    let at = |u: usize, v: usize| (0.002 * u as f64, 0.002 * v as f64);
+    let mut points = Vec::new();
+    for (u, v) in (skip..40).flat_map(|u| (0..40).map(move |v| at(u, v))) {
+        points.extend([Point3::new(u, v, 0.08), Point3::new(u, 0.08, v), Point3::new(0.08, u, v)]);
+    }
+    PointCloud { points, normals: Vec::new() }
+}
+
+fn camera() -> Point3<f64> {
+    Point3::new(0.7, 0.8, 0.9)
+}
+
+fn off() -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3f64, -0.2, 0.1).map(f64::to_radians));
+    Isometry3::from_parts(Translation3::new(0.002, -0.001, 0.0015), turn)
+}
+
+/// A session with a scan that is right and one that is off.
+fn two_scans(registration: RegistrationConfig) -> (Session, Result<crate::ScanReport, SessionError>) {
+    let mut session = Session::new(SessionConfig { registration, ..Default::default() }, None).expect("settings");
+    session.add_scan(Scan::Cloud { cloud: sides(0), from: Some(camera()) }).expect("the first scan");
+    let second = sides(4).transformed(&off());
+    let report = session.add_scan(Scan::Cloud { cloud: second, from: Some(off() * camera()) });
+    (session, report)
+}
+
+fn with(register: Register) -> RegistrationConfig {
+    RegistrationConfig { register, ..Default::default() }
+}
+
+/// Largest distance of the second scan's points to the planes of the sides.
+fn apart(session: &Session) -> f64 {
+    let planes = |p: &Point3<f64>| p.iter().map(|x| (x - 0.08).abs()).fold(f64::INFINITY, f64::min);
+    session.scans[1].cloud.points.iter().map(planes).fold(0.0, f64::max)
+}
+
+#[test]
+fn off_believes_the_pose_and_says_nothing() {
+    let (mut session, report) = two_scans(with(Register::Off));
+    assert_eq!(report.expect("taken").registration, None);
+    assert!(apart(&session) > 1e-3);
+    let answer = session.next_view().expect("a view");
+    assert!(answer.registrations.is_empty());
+    assert!(answer.candidates.iter().all(|c| c.registration.is_none()));
+}
+
+#[test]
+fn check_says_how_far_it_is_off_and_moves_nothing() {
+    let (mut session, report) = two_scans(with(Register::Check));
+    let found = report.expect("taken").registration.expect("registered");
+    assert!((found.correction * off()).translation.vector.norm() < 1e-4, "{found:?}");
+    assert!((found.turn_deg - off().rotation.angle().to_degrees()).abs() < 0.05, "{found:?}");
+    assert!(apart(&session) > 1e-3);
+    let answer = session.next_view().expect("a view");
+    assert!(answer.warnings.iter().any(|w| w.contains("scan 2 fits best")), "{:?}", answer.warnings);
+    assert_eq!((answer.registrations[0].scan, answer.registrations[0].moved), (2, false));
+}
+
+#[test]
+fn refine_moves_the_scan_and_its_camera() {
+    let (mut session, report) = two_scans(with(Register::Refine));
+    report.expect("taken").registration.expect("registered");
+    assert!(apart(&session) < 1e-4, "{}", apart(&session));
+    let position = session.scans[1].camera_position().expect("given");
+    assert!((position - camera()).norm() < 1e-3, "{position}");
+    let answer = session.next_view().expect("a view");
+    assert!(answer.registrations[0].moved);
+    assert!(answer.warnings.iter().any(|w| w.contains("scan 2 was moved by")), "{:?}", answer.warnings);
+}
+
+#[test]
+fn what_cannot_be_placed_is_refused_and_its_place_ruled_out_until_the_cloud_changes() {
+    let (mut session, _) = two_scans(with(Register::Refine));
+    let next = session.next_view().expect("a view").next.expect("one is left");
+    let view = View { target: next.target_m.into(), position: next.position_m.into() };
+    let before = session.state().cloud.clone();
+    let elsewhere = sides(0).transformed(&Translation3::new(0.5, 0.0, 0.0).into());
+    let refused = session.add_scan(Scan::Cloud { cloud: elsewhere, from: Some(view.position) });
+    let message = refused.expect_err("nothing to register by").to_string();
+    assert!(message.contains("cannot be registered") && message.contains("check"), "{message}");
+    assert_eq!((session.num_scans(), &session.state().cloud), (2, &before), "the session is as it was");
+    let answer = session.next_view().expect("a view");
+    let same = answer.candidates.iter().find(|c| c.position_m == next.position_m).expect("still scored");
+    assert_eq!(same.objections[0].constraint, Constraint::Registrability, "{same:?}");
+    session.add_scan(Scan::Cloud { cloud: sides(0), from: Some(camera()) }).expect("fits");
+    assert!(session.unregistered().is_empty());
+}
+
+#[test]
+fn a_view_that_sees_too_little_again_is_ruled_out_with_the_motion_that_stays_free() {
+    let registration = RegistrationConfig { registrability: Registrability::Lambda, ..Default::default() };
+    let mut session = Session::new(SessionConfig { registration, ..Default::default() }, None).expect("settings");
+    let flat = (0..1600).map(|i| Point3::new(0.002 * f64::from(i % 40), 0.002 * f64::from(i / 40), 0.0)).collect();
+    let cloud = PointCloud { points: flat, normals: Vec::new() };
+    session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.04, 0.04, 1.2)) }).expect("a sheet");
+    let answer = session.next_view().expect("an answer");
+    assert_eq!(answer.next, None, "a sheet registers nothing");
+    let reason = &answer.candidates[0].objections[0].reason;
+    assert!(reason.contains("slide along") || reason.contains("turn about z"), "{reason}");
+    let expected = answer.candidates[0].registration.expect("predicted");
+    assert!(expected.lambda < 0.1 && expected.failure > 0.8, "{expected:?}");
+    let (mut session, _) = two_scans(RegistrationConfig {
+        register: Register::Refine,
+        registrability: Registrability::Lambda,
+        ..Default::default()
+    });
+    let next = session.next_view().expect("an answer").next.expect("a corner registers");
+    assert!(next.registration.expect("predicted").failure < 0.15);
+}
