@@ -5,6 +5,7 @@ mod config;
 
 use crate::pose_error::PoseError;
 use crate::recording::Recording;
+use crate::registration::{Displacements, RegistrationOutcome};
 use crate::scene::{RenderScratch, Scene};
 use crate::world::{ScanCamera, World, episode_session};
 use geometry::metrics::{SurfaceDistances, surface_distances, views_to};
@@ -51,6 +52,9 @@ pub struct Episode {
     pub void_draws: usize,
     /// Why it ended.
     pub end: End,
+    /// What became of the scans, where they have to be registered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registration: Option<RegistrationOutcome>,
     /// Wall time of each decision, seconds: not an output that repeats.
     #[serde(skip)]
     pub decision_seconds: Vec<f64>,
@@ -67,6 +71,7 @@ impl PartialEq for Episode {
             && self.coverages == other.coverages
             && self.overlaps == other.overlaps
             && self.scan_points == other.scan_points
+            && self.registration == other.registration
             && self.cloud == other.cloud
     }
 }
@@ -241,9 +246,11 @@ pub fn run_session(
         noise.seed ^= noise_key;
     }
     let pose_error = config.pose_error.clone().map(|c| PoseError::new(c, stream(noise_key, "pose")));
+    let displacements = config.registration.clone().map(|c| Displacements::new(c, noise_key));
     let mut camera = match stage {
         Stage::Simulated { scene, .. } => {
-            ScanCamera::Simulated { scene, config: &config, scratch: RenderScratch::default(), pose_error }
+            let scratch = RenderScratch::default();
+            ScanCamera::Simulated { scene, config: &config, scratch, pose_error, displacements }
         }
         Stage::Recorded { recording, .. } => ScanCamera::Recorded { recording, taken: vec![false; recording.len()] },
     };
@@ -266,6 +273,7 @@ pub fn run_session(
         distances: SurfaceDistances::default(),
         void_draws,
         end: End::AllViews,
+        registration: None,
         decision_seconds: Vec::new(),
         cloud: PointCloud::default(),
     };
@@ -284,18 +292,20 @@ pub fn run_session(
             Err(error) if !error.is_end() => return Err(EpisodeError::Plan { index, error }),
             ranked => ranked.unwrap_or_default(),
         };
-        let Some(best) = ranked.iter().find(|r| camera.can_take(&r.view)) else {
+        let at_hand = ranked.iter().filter(|r| camera.can_take(&r.view));
+        let Some(best) = world.session.first_registrable(at_hand) else {
             episode.end = End::NoView;
             break;
         };
         view = best.view;
         let shot = camera.take(&view);
-        episode.overlaps.push(world.overlap(&shot));
+        episode.overlaps.push(world.overlap(&view, &shot));
         episode.scan_points.push(shot.points.len());
         world.add(shot).map_err(|error| EpisodeError::Refused { scan: index + 1, error })?;
         episode.views.push(view);
         episode.coverages.push(world.covered);
     }
+    episode.registration = world.registration();
     episode.distances = surface_distances(&world.cloud().points, world.reference());
     episode.cloud = world.cloud().into_owned();
     Ok((episode, world.session))
@@ -311,9 +321,7 @@ fn first_scan(
     let (mut most_points, mut best_coverage) = (0, 0f64);
     for void_draws in 0..config.max_draws {
         let view = initial_view(config, rng);
-        if let ScanCamera::Simulated { pose_error: Some(error), .. } = camera {
-            error.restart();
-        }
+        camera.restart();
         let shot = camera.take(&view);
         let points = shot.points.len();
         most_points = most_points.max(points);

@@ -10,6 +10,7 @@ pub mod noise;
 pub mod pose_error;
 pub mod procedural;
 pub mod recording;
+pub mod registration;
 pub mod scene;
 pub mod search;
 #[cfg(test)]
@@ -25,5 +26,6 @@ pub use episode::{
 pub use noise::NoiseConfig;
 pub use pose_error::PoseErrorConfig;
 pub use recording::Recording;
+pub use registration::{EpisodeRegistration, RegistrationOutcome};
 pub use scene::{RenderConfig, RenderScratch, Renderer, Scene};
 pub use search::{ScoredViews, SearchConfig, SearchPlanner, score_views};

@@ -58,7 +58,7 @@ impl PoseError {
 }
 
 /// A small random motion.
-fn disturbance(sigma_m: f64, sigma_deg: f64, rng: &mut ChaCha8Rng) -> Isometry3<f64> {
+pub(crate) fn disturbance(sigma_m: f64, sigma_deg: f64, rng: &mut ChaCha8Rng) -> Isometry3<f64> {
     let mut normal = |sigma: f64| Vector3::from_fn(|_, _| sigma * rng.sample::<f64, _>(StandardNormal));
     let (shift, turn) = (normal(sigma_m), normal(sigma_deg.to_radians()));
     Isometry3::from_parts(Translation3::from(shift), UnitQuaternion::from_scaled_axis(turn))

@@ -4,11 +4,12 @@ mod camera;
 
 use crate::episode::{EpisodeConfig, EpisodeEvidence, Stage};
 use crate::recording::Recording;
-use geometry::{PointCloud, coverage, overlap};
-use nalgebra::Point3;
+use crate::registration::{EpisodeRegistration, Placed, RegistrationOutcome};
+use geometry::{PointCloud, View, coverage, overlap};
+use nalgebra::{Isometry3, Point3};
 use planning::accumulate::{averaged, reference_surface};
 use planning::config::CameraConfig;
-use planning::{Accumulate, Misses, Scan, Session, SessionConfig, SessionError};
+use planning::{Accumulate, Misses, Scan, ScanReport, Session, SessionConfig, SessionError};
 use std::borrow::Cow;
 
 pub(crate) use camera::{ScanCamera, Shot};
@@ -23,6 +24,8 @@ pub(crate) struct World<'a> {
     /// Voxel edge of what is measured, metres: the spacing of the first scan.
     pub grid_size: f64,
     first: bool,
+    /// Where the scans really are, where they have to be registered.
+    placed: Option<Placed>,
     /// All points, for [`EpisodeEvidence::Merged`].
     all: Vec<Point3<f64>>,
     /// Share of the reference surface that is covered.
@@ -47,6 +50,7 @@ enum Truth<'a> {
 
 impl<'a> World<'a> {
     pub fn new(session: Session, config: &'a EpisodeConfig, stage: &Stage<'a>) -> Self {
+        let simulated = matches!(stage, Stage::Simulated { .. });
         let (truth, evidence) = match *stage {
             Stage::Simulated { samples, .. } => {
                 let (reference, measured) = Default::default();
@@ -63,6 +67,7 @@ impl<'a> World<'a> {
             truth,
             grid_size: 0.0,
             first: true,
+            placed: (config.registration.is_some() && simulated).then(Placed::default),
             all: Vec::new(),
             covered: 0.0,
             first_points: 0,
@@ -90,8 +95,11 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Share of a scan that was seen before; `None` for an empty one.
-    pub fn overlap(&self, shot: &Shot) -> Option<f64> {
+    /// Share of a scan from `view` that was seen before; `None` for an empty one.
+    pub fn overlap(&mut self, view: &View, shot: &Shot) -> Option<f64> {
+        if let Some(placed) = &mut self.placed {
+            return placed.look(view, shot, self.session.state(), &self.session.config().registration);
+        }
         match (&self.truth, shot.recorded) {
             (Truth::Surface { .. }, _) => overlap(&shot.points, &self.cloud().points, self.config.tolerance_m),
             (Truth::Recorded { recording, covered }, Some(scan)) => {
@@ -143,8 +151,10 @@ impl<'a> World<'a> {
         let (empty, recorded) = (shot.points.is_empty(), shot.recorded);
         let simulated = matches!(self.truth, Truth::Surface { .. });
         let keep = simulated && !self.sees_what_is_measured();
-        let points = if keep { shot.points.clone() } else { Vec::new() };
-        let refused = self.tell(shot).err();
+        let points = if keep || self.placed.is_some() { shot.points.clone() } else { Vec::new() };
+        let camera = Point3::from(shot.actual.translation.vector);
+        let told = self.tell(shot);
+        let first = self.first;
         if std::mem::take(&mut self.first) {
             self.grid_size = self.session.state().grid_size;
             if let Truth::Surface { samples, reference, .. } = &mut self.truth
@@ -153,6 +163,28 @@ impl<'a> World<'a> {
                 *reference = reference_surface(samples, self.grid_size, self.config.accumulate);
             }
         }
+        let points = match &mut self.placed {
+            None => points,
+            Some(placed) if first => {
+                placed.begin(points.clone(), &camera, self.grid_size);
+                points
+            }
+            Some(_) if empty => points,
+            Some(placed) => match &told {
+                Err(SessionError::Unregistered { why }) => {
+                    placed.refuse(why);
+                    return Ok(());
+                }
+                told => {
+                    let found = told.as_ref().ok().and_then(|report| report.as_ref()?.registration.as_ref());
+                    let correction = found.map_or_else(Isometry3::identity, |found| found.correction);
+                    let points: Vec<_> = points.iter().map(|p| correction * p).collect();
+                    placed.add(points.clone(), self.grid_size, self.config.tolerance_m);
+                    points
+                }
+            },
+        };
+        let refused = told.err();
         match &mut self.truth {
             // The settings of an episode refuse no scan; those of `infer --object` one that shows nothing.
             Truth::Surface { .. } if empty => return Ok(()),
@@ -169,16 +201,27 @@ impl<'a> World<'a> {
             }
         }
         self.covered = match self.config.accumulate {
+            _ if self.placed.is_some() => coverage(self.sound(), self.reference(), self.config.tolerance_m),
             Accumulate::Matched => self.cloud().len() as f64 / self.reference().len().max(1) as f64,
             _ => coverage(&self.cloud().points, self.reference(), self.config.tolerance_m),
         };
         Ok(())
     }
 
-    /// Tells the session of a scan what it may know.
-    fn tell(&mut self, shot: Shot) -> Result<(), SessionError> {
+    /// Points that are where they should be, where scans have to be registered.
+    fn sound(&self) -> &[Point3<f64>] {
+        self.placed.as_ref().map_or(&[], |placed| &placed.sound.points)
+    }
+
+    /// What became of the scans, where they have to be registered.
+    pub fn registration(&self) -> Option<RegistrationOutcome> {
+        self.placed.as_ref().map(Placed::outcome)
+    }
+
+    /// Tells the session of a scan what it may know; `None` where it is told nothing.
+    fn tell(&mut self, shot: Shot) -> Result<Option<ScanReport>, SessionError> {
         let scan = match self.evidence {
-            None => return Ok(()),
+            None => return Ok(None),
             Some(EpisodeEvidence::DepthWithBackground) => depth_scan(shot, Misses::Free),
             Some(EpisodeEvidence::Depth) => depth_scan(shot, Misses::Unknown),
             Some(EpisodeEvidence::CameraPositions) => {
@@ -192,7 +235,7 @@ impl<'a> World<'a> {
                 cloud_scan(self.all.clone(), None)
             }
         };
-        self.session.add_scan(scan).map(drop)
+        self.session.add_scan(scan).map(Some)
     }
 }
 
@@ -215,6 +258,7 @@ pub(crate) fn episode_session(config: &EpisodeConfig, samples: &[Point3<f64>]) -
         accumulate: config.accumulate,
         min_points: 0,
         camera,
+        registration: config.registration.as_ref().map(EpisodeRegistration::session).unwrap_or_default(),
         ..SessionConfig::default()
     };
     let all_points = SessionConfig { max_points: 0, outlier_factor: 0.0, ..robot.clone() };

@@ -199,6 +199,7 @@ pub(crate) mod tests {
             void_draws: 0,
             end: End::AllViews,
             forecasts: Vec::new(),
+            registration: None,
             weights: None,
         }
     }

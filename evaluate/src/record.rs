@@ -1,6 +1,6 @@
 //! What is kept of an episode.
 
-use datagen::{End, Episode};
+use datagen::{End, Episode, RegistrationOutcome};
 use geometry::View;
 use serde::{Deserialize, Serialize};
 
@@ -53,6 +53,9 @@ pub struct EpisodeRecord {
     /// What was expected at each decision, on recordings by policies that expect anything.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub forecasts: Vec<Forecast>,
+    /// What became of the scans, where they have to be registered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registration: Option<RegistrationOutcome>,
     /// Digest of the weights that the policy used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
@@ -93,6 +96,7 @@ impl EpisodeRecord {
             void_draws: episode.void_draws,
             end: episode.end,
             forecasts: Vec::new(),
+            registration: episode.registration.clone(),
             weights: None,
         }
     }

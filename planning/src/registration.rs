@@ -96,6 +96,24 @@ impl Registered {
     }
 }
 
+/// How a scan lies on a cloud as it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Overlap {
+    /// Share of its points within the tolerance of the cloud.
+    pub share: f64,
+    /// The same, only where the normals are alike too.
+    pub like_normals: f64,
+    /// How well that determines the motion that it determines least.
+    pub lambda: f64,
+}
+
+/// [`Overlap`] of a scan that is in its place.
+pub fn overlap_of(scan: &Moving, model: &Model) -> Overlap {
+    let frame = Frame::around(&[model.cloud, scan.cloud]);
+    let met = model.met_by(scan, &Isometry3::identity(), &frame);
+    Overlap { share: met.share, like_normals: met.like_normals, lambda: met.information.lambda(frame.radius) }
+}
+
 /// A rigid motion in JSON: 4 x 4, row by row.
 mod as_pose {
     use crate::pose::{Pose, rigid};
@@ -124,7 +142,7 @@ pub fn register(scan: Moving, model: &Model, error: &PoseError, config: &Registr
     };
     let squared: f64 = scan.cloud.points.iter().map(|p| (correction * p - p).norm_squared()).sum();
     let shift_m = (squared / scan.cloud.len().max(1) as f64).sqrt();
-    let overlap = model.overlap_of(&scan, &correction, &frame);
+    let overlap = model.met_by(&scan, &correction, &frame);
     let lambda = overlap.information.lambda(frame.radius);
     let weakest = overlap.information.weakest(&frame);
     let expected_error_m = prior.error_after(&fit, scan.footprint_m2 / model.pixel_area(), config.prior);

@@ -2,6 +2,7 @@
 
 use crate::config::check_counts;
 use crate::pose_error::PoseErrorConfig;
+use crate::registration::EpisodeRegistration;
 use crate::scene::RenderConfig;
 use formats::config::SettingError;
 use geometry::PinholeCamera;
@@ -59,6 +60,8 @@ pub struct EpisodeConfig {
     pub render: RenderConfig,
     /// Errors of the camera's pose and of its registration; absent: none.
     pub pose_error: Option<PoseErrorConfig>,
+    /// Poses that are off, and scans that have to be registered; absent: scans are where their poses say.
+    pub registration: Option<EpisodeRegistration>,
     /// Distance from target to camera, metres (1.2).
     pub working_distance_m: f64,
     /// Distance of the first camera from the origin, metres; absent: the working distance.
@@ -89,6 +92,7 @@ impl Default for EpisodeConfig {
             image: ImageConfig::default(),
             render: RenderConfig::default(),
             pose_error: None,
+            registration: None,
             working_distance_m: 1.2,
             initial_distance_m: None,
             initial_whole_degrees: false,
@@ -136,6 +140,21 @@ impl EpisodeConfig {
                 self.min_first_coverage,
                 "a share from 0 to 1",
             ));
+        }
+        if let Some(registration) = &self.registration {
+            registration.validate()?;
+            if self.pose_error.is_some() {
+                let found = "with episode.pose_error";
+                return Err(SettingError::new(
+                    "episode.registration",
+                    found,
+                    "one of the two: drift stands for registration",
+                ));
+            }
+            if self.evidence == EpisodeEvidence::Merged || self.accumulate == Accumulate::Matched {
+                let found = "with evidence = \"merged\" or accumulate = \"matched\"";
+                return Err(SettingError::new("episode.registration", found, "scans that are told apart, as measured"));
+            }
         }
         Ok(())
     }

@@ -25,7 +25,7 @@ pub struct Model<'a> {
 }
 
 /// How a scan lies on the cloud.
-pub(super) struct Overlap {
+pub(super) struct Met {
     pub share: f64,
     pub like_normals: f64,
     /// Of the points that overlap with like normals.
@@ -67,7 +67,7 @@ impl<'a> Model<'a> {
     }
 
     /// How the scan lies on the cloud once it is moved.
-    pub(super) fn overlap_of(&self, scan: &Moving, correction: &Isometry3<f64>, frame: &Frame) -> Overlap {
+    pub(super) fn met_by(&self, scan: &Moving, correction: &Isometry3<f64>, frame: &Frame) -> Met {
         let (mut near, mut alike, mut information) = (0usize, 0usize, Information::default());
         for (p, n) in scan.cloud.points.iter().zip(&scan.cloud.normals) {
             let p = correction * p;
@@ -80,6 +80,6 @@ impl<'a> Model<'a> {
             }
         }
         let share = |count: usize| count as f64 / scan.cloud.len().max(1) as f64;
-        Overlap { share: share(near), like_normals: share(alike), information }
+        Met { share: share(near), like_normals: share(alike), information }
     }
 }

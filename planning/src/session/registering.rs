@@ -6,7 +6,7 @@ use crate::constraints::{Constraint, Objection};
 use crate::registration::registrability::{Demand, Prediction};
 use crate::registration::{Model, Moving, Register, register};
 use crate::scan::PreparedScan;
-use crate::{PastScan, Seen};
+use crate::{PastScan, RankedView, Seen, overlap};
 use geometry::View;
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
@@ -44,6 +44,31 @@ impl Session {
     /// Cameras whose scans could not be registered onto the cloud as it is.
     pub fn unregistered(&self) -> &[Point3<f64>] {
         &self.unregistered
+    }
+
+    /// The first of these views, best first, that the settings take for registrable; where none is, the one that is most. The first
+    /// where nothing is asked.
+    pub fn first_registrable<'v>(&self, views: impl Iterator<Item = &'v RankedView> + Clone) -> Option<&'v RankedView> {
+        let new = views.clone().filter(|v| !repeats(&v.view, &self.unregistered));
+        let Some((demand, frame)) = Demand::on(&self.state, &self.config.registration) else {
+            return new.clone().next().or_else(|| views.clone().next());
+        };
+        let usual = overlap::usual_scan(&self.state.cloud, self.scans.len());
+        let mut most: Option<(f64, &RankedView)> = None;
+        for ranked in new {
+            let known = || overlap::estimate(&self.state.cloud, &ranked.view, &self.state.camera, usual);
+            let least = demand.needs_overlap().then(|| ranked.overlap.unwrap_or_else(known));
+            let least = least.map(|o| o - overlap::margin(self.scans.len()));
+            let expected = demand.predict(&self.state, &ranked.view, &frame);
+            if demand.objection(least, &expected).is_none() {
+                return Some(ranked);
+            }
+            let value = least.unwrap_or(expected.lambda);
+            if most.is_none_or(|(best, _)| value > best) {
+                most = Some((value, ranked));
+            }
+        }
+        most.map(|(_, ranked)| ranked).or_else(|| views.clone().next())
     }
 
     /// What registering the scans found.

@@ -1,0 +1,263 @@
+//! Episodes whose scans have to be registered: how far off they are given, and what became of each.
+
+use crate::pose_error::disturbance;
+use crate::world::Shot;
+use formats::config::SettingError;
+use geometry::rng::stream;
+use geometry::{PointCloud, View, estimate_normals, orient_normals_toward};
+use nalgebra::{Isometry3, Point3};
+use planning::accumulate::averaged;
+use planning::registration::registrability::Demand;
+use planning::registration::{
+    About, Frame, Icp, Model, Moving, Register, Registrability, RegistrationConfig, Unsafe, overlap_of,
+};
+use planning::{Accumulate, ScanState};
+
+/// Neighbours of a normal, as in a session.
+const NORMAL_NEIGHBORS: usize = 20;
+
+/// Settings: every scan but the first is given a pose that is off, and registered onto the cloud of those before it.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EpisodeRegistration {
+    /// Standard deviation per axis of the pose given, metres.
+    pub sigma_t_m: f64,
+    /// The same of its rotation, about the object's centre, degrees.
+    pub sigma_theta_deg: f64,
+    /// How ICP pairs points, `good` or `plain`.
+    pub kind: Icp,
+    /// Weigh the measurement against the errors above.
+    pub prior: bool,
+    /// Leave out scans whose place is not sure; they cost their view. Else all are merged as ICP leaves them.
+    pub gate: bool,
+    /// What views are held against before they are taken, whatever the policy: `off`, `overlap` or `lambda`.
+    pub registrability: Registrability,
+}
+
+impl Default for EpisodeRegistration {
+    fn default() -> Self {
+        Self {
+            sigma_t_m: 0.002,
+            sigma_theta_deg: 0.3,
+            kind: Icp::Good,
+            prior: true,
+            gate: true,
+            registrability: Registrability::Off,
+        }
+    }
+}
+
+impl EpisodeRegistration {
+    /// The same for a session, whose robot knows how accurate it is.
+    pub(crate) fn session(&self) -> RegistrationConfig {
+        RegistrationConfig {
+            register: Register::Refine,
+            kind: self.kind,
+            prior: self.prior,
+            gate: self.gate,
+            pose_error_m: self.sigma_t_m,
+            pose_error_deg: self.sigma_theta_deg,
+            pose_error_about: About::Object,
+            registrability: self.registrability,
+        }
+    }
+
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// The key, what was found, and what was expected.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        if !(self.sigma_t_m > 0.0 && self.sigma_t_m.is_finite()) {
+            return Err(SettingError::new("episode.registration.sigma_t_m", self.sigma_t_m, "a length above 0"));
+        }
+        if !(self.sigma_theta_deg > 0.0 && self.sigma_theta_deg <= 45.0) {
+            let key = "episode.registration.sigma_theta_deg";
+            return Err(SettingError::new(key, self.sigma_theta_deg, "an angle above 0 and up to 45"));
+        }
+        Ok(())
+    }
+}
+
+/// Errors of the poses given, by episode and view: the same for every policy.
+pub(crate) struct Displacements {
+    config: EpisodeRegistration,
+    key: u64,
+    scans: usize,
+}
+
+impl Displacements {
+    pub fn new(config: EpisodeRegistration, key: u64) -> Self {
+        Self { config, key, scans: 0 }
+    }
+
+    /// The scan that comes is the first and defines the frame.
+    pub fn restart(&mut self) {
+        self.scans = 0;
+    }
+
+    /// From where the next scan is to where its pose puts it.
+    pub fn next(&mut self) -> Isometry3<f64> {
+        let index = self.scans;
+        self.scans += 1;
+        match index {
+            0 => Isometry3::identity(),
+            _ => {
+                let mut rng = stream(self.key, &format!("registration/{index}"));
+                disturbance(self.config.sigma_t_m, self.config.sigma_theta_deg, &mut rng)
+            }
+        }
+    }
+}
+
+/// What became of a scan.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ViewRegistration {
+    /// Root mean square distance of its points, as given, from where they are, metres.
+    pub given_m: f64,
+    /// The same as registered; absent where the scan was not merged.
+    pub left_m: Option<f64>,
+    /// Why it was not merged.
+    pub refused: Option<Refused>,
+    /// Share of the scan that overlaps what was merged before with like normals, all in its true place.
+    pub like_overlap: f64,
+    /// Lambda of that overlap.
+    pub lambda: f64,
+    /// Lambda as predicted from the cloud before the scan.
+    pub expected_lambda: f64,
+    /// Probability that it ends off by more than the tolerance, as predicted with it.
+    pub expected_failure: f64,
+}
+
+/// Why a scan was not merged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Refused {
+    /// It shows nothing.
+    Empty,
+    /// Too little overlap for ICP.
+    TooFewPairs,
+    /// ICP went farther than the robot can be off.
+    TooFar,
+    /// The overlap leaves too much doubt.
+    Uncertain,
+}
+
+impl From<&Unsafe> for Refused {
+    fn from(why: &Unsafe) -> Self {
+        match why {
+            Unsafe::TooFewPairs { .. } => Self::TooFewPairs,
+            Unsafe::TooFar { .. } => Self::TooFar,
+            Unsafe::Uncertain { .. } => Self::Uncertain,
+        }
+    }
+}
+
+/// What became of the scans of an episode.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct RegistrationOutcome {
+    /// One per next view.
+    pub views: Vec<ViewRegistration>,
+    /// Root mean square distance of all merged points from where they are, metres.
+    pub left_m: f64,
+    /// Share of them that are off by more than the tolerance.
+    pub off_share: f64,
+}
+
+/// The scans in their true places, beside the session that does not know them.
+#[derive(Default)]
+pub(crate) struct Placed {
+    /// What was merged, in its true place.
+    truth: PointCloud,
+    /// What was merged and is off by less than the tolerance, where it was merged.
+    pub sound: PointCloud,
+    squared: f64,
+    off: usize,
+    points: usize,
+    views: Vec<ViewRegistration>,
+    next: PointCloud,
+}
+
+impl Placed {
+    /// A next view's scan before it is added: what there is to register it by, and what the planner could know of that. Answers
+    /// with its overlap.
+    pub fn look(&mut self, view: &View, shot: &Shot, state: &ScanState, config: &RegistrationConfig) -> Option<f64> {
+        let frame = Frame::around(&[&state.cloud]);
+        let expected = Demand::new(config, &frame, state.working_distance).predict(state, view, &frame);
+        let points = shot.true_points();
+        self.next = PointCloud { normals: estimate_normals(&points, NORMAL_NEIGHBORS), points };
+        let camera = Point3::from(shot.actual.translation.vector);
+        orient_normals_toward(&mut self.next, &camera);
+        let depth = (camera - frame.center).norm();
+        let moving =
+            Moving { cloud: &self.next, footprint_m2: depth * depth / (shot.camera.fx * shot.camera.fy).max(1.0) };
+        let model = Model::new(&self.truth, vec![false; self.truth.len()], state.grid_size, state.tolerance);
+        let found = overlap_of(&moving, &model);
+        let squared: f64 = shot.points.iter().zip(&self.next.points).map(|(a, b)| (a - b).norm_squared()).sum();
+        self.views.push(ViewRegistration {
+            given_m: (squared / shot.points.len().max(1) as f64).sqrt(),
+            left_m: None,
+            refused: shot.points.is_empty().then_some(Refused::Empty),
+            like_overlap: found.like_normals,
+            lambda: found.lambda,
+            expected_lambda: expected.lambda,
+            expected_failure: expected.failure,
+        });
+        (!shot.points.is_empty()).then_some(found.share)
+    }
+
+    /// The first scan: in its true place.
+    pub fn begin(&mut self, points: Vec<Point3<f64>>, camera: &Point3<f64>, grid_size: f64) {
+        *self = Self::default();
+        self.next = PointCloud { normals: estimate_normals(&points, NORMAL_NEIGHBORS), points };
+        orient_normals_toward(&mut self.next, camera);
+        let points = self.next.points.clone();
+        self.merge(points, grid_size, f64::INFINITY);
+    }
+
+    /// The scan that was looked at is merged, with its points here.
+    pub fn add(&mut self, registered: Vec<Point3<f64>>, grid_size: f64, tolerance: f64) {
+        let before = self.squared;
+        let count = registered.len();
+        self.merge(registered, grid_size, tolerance);
+        if let Some(view) = self.views.last_mut() {
+            view.left_m = Some(((self.squared - before) / count.max(1) as f64).sqrt());
+        }
+    }
+
+    /// The scan that was looked at is left out.
+    pub fn refuse(&mut self, why: &Unsafe) {
+        if let Some(view) = self.views.last_mut() {
+            view.refused = Some(why.into());
+        }
+    }
+
+    fn merge(&mut self, registered: Vec<Point3<f64>>, grid_size: f64, tolerance: f64) {
+        let next = std::mem::take(&mut self.next);
+        let mut sound = PointCloud::default();
+        for (p, truth) in registered.iter().zip(&next.points) {
+            let squared = (p - truth).norm_squared();
+            self.squared += squared;
+            self.points += 1;
+            match squared < tolerance * tolerance {
+                true => sound.points.push(*p),
+                false => self.off += 1,
+            }
+        }
+        let origin = Accumulate::Averaged.voxel_origin();
+        self.sound = averaged(&self.sound, &sound, grid_size, origin);
+        self.truth = averaged(&self.truth, &next, grid_size, origin);
+    }
+
+    /// What became of all.
+    pub fn outcome(&self) -> RegistrationOutcome {
+        let points = self.points.max(1) as f64;
+        RegistrationOutcome {
+            views: self.views.clone(),
+            left_m: (self.squared / points).sqrt(),
+            off_share: self.off as f64 / points,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
