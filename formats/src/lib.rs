@@ -4,6 +4,7 @@
 //! Readers take files that others made: every error names the file, the place in it, what was found and what
 //! was expected. No reader allocates more than the size of its file warrants, whatever a header claims.
 
+pub mod camera;
 pub mod checksum;
 pub mod cloud;
 pub mod config;

@@ -13,6 +13,7 @@ pub mod coverage;
 pub mod density;
 #[cfg(test)]
 mod golden;
+pub mod lens;
 pub mod mesh;
 pub mod metrics;
 pub mod neighbors;
@@ -21,14 +22,17 @@ pub mod orientation;
 pub mod rank_correlation;
 pub mod rng;
 pub mod sampling;
+pub mod undistort;
 pub mod view;
 
 pub use boundary::{BoundaryConfig, boundary_among, boundary_points};
 pub use camera::{DepthImage, PinholeCamera};
 pub use cloud::{PointCloud, VoxelOrigin};
 pub use coverage::{ViewScore, coverage, overlap, score_view};
+pub use lens::Lens;
 pub use mesh::Mesh;
 pub use neighbors::{NeighborGrid, Neighborhoods, mean_spacing, mean_spacing_among};
 pub use normals::{estimate_normals, normals_of, orient_normals_along, orient_normals_toward};
 pub use orientation::{orient_normals_among, orient_normals_consistent};
+pub use undistort::{Undistorted, undistort_depth};
 pub use view::View;

@@ -5,6 +5,7 @@ use crate::accumulate::Accumulate;
 use crate::constraints::{Box3, ConstraintsConfig};
 use crate::pose::PoseConfig;
 use crate::registration::RegistrationConfig;
+use crate::sensor::SensorConfig;
 use geometry::PinholeCamera;
 use serde::{Deserialize, Serialize};
 
@@ -46,6 +47,8 @@ pub struct SessionConfig {
     pub stop_below: f64,
     /// The camera that takes the next scan.
     pub camera: CameraConfig,
+    /// What that camera measures.
+    pub sensor: SensorConfig,
     /// What pixels without a return mean in depth images.
     pub misses: Misses,
     /// Roll of the answered pose.
@@ -72,6 +75,7 @@ impl Default for SessionConfig {
             outlier_factor: 6.0,
             stop_below: 0.0,
             camera: CameraConfig::default(),
+            sensor: SensorConfig::default(),
             misses: Misses::Unknown,
             pose: PoseConfig::default(),
             constraints: ConstraintsConfig::default(),
@@ -126,6 +130,7 @@ impl SessionConfig {
         self.check_work()?;
         self.camera.check()?;
         self.registration.check()?;
+        self.sensor.check(&self.working_distances())?;
         self.constraints.check()
     }
 

@@ -1,6 +1,7 @@
 //! What a real cell allows: constraints that rule views out, and the cost of travel.
 
 use crate::config::ConfigError;
+use crate::{RankedView, SensorConfig};
 use geometry::View;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -254,6 +255,8 @@ pub enum Constraint {
     Clearance,
     /// Its scan could hardly be registered.
     Registrability,
+    /// The sensor would measure nothing from there.
+    Sensor,
 }
 
 impl Constraint {
@@ -269,6 +272,7 @@ impl Constraint {
             Self::Visited => "visited_radius_m",
             Self::Clearance => "clearance_m",
             Self::Registrability => "registration.registrability",
+            Self::Sensor => "sensor (range, incidence)",
         }
     }
 }
@@ -283,6 +287,24 @@ pub struct Objection {
 }
 
 impl Objection {
+    /// A view from which the sensor measures nothing; `None` where it may measure something. What is expected to be seen, where
+    /// that is predicted, decides; else the distance to what the view looks at.
+    pub(crate) fn of_sensor(sensor: &SensorConfig, ranked: &RankedView, predicted: bool) -> Option<Self> {
+        let [near, far] = sensor.range();
+        let distance = (ranked.view.position - ranked.view.target).norm();
+        let reason = match predicted {
+            _ if !sensor.is_limited() => return None,
+            true if ranked.overlap.is_none() && ranked.gain.is_none_or(|gain| gain <= 0.0) => {
+                "no surface in its image within the sensor's range and angles".to_owned()
+            }
+            false if !sensor.reaches(distance) => {
+                format!("{distance:.3} m from its target, the sensor measures from {near:.3} to {far:.3} m")
+            }
+            _ => return None,
+        };
+        Some(Self { constraint: Constraint::Sensor, reason })
+    }
+
     /// A given view from which a scan was taken.
     pub(crate) fn scanned() -> Self {
         Self { constraint: Constraint::Visited, reason: "scanned from here already".to_owned() }

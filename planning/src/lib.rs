@@ -44,6 +44,7 @@ pub mod planners;
 pub mod pose;
 pub mod registration;
 pub mod scan;
+pub mod sensor;
 pub mod session;
 pub mod state;
 pub mod stop;
@@ -65,6 +66,7 @@ pub use planners::volumetric::{
     Workspace,
 };
 pub use scan::{Reading, Scan, ScanReport};
+pub use sensor::SensorConfig;
 pub use session::{Session, SessionError};
 pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};
 pub use stop::{Missing, Stop};

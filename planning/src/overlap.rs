@@ -1,7 +1,8 @@
 //! Overlap expected of a view: how far it may be missed, and a rough estimate from the cloud alone where the planner
 //! predicts none.
 
-use geometry::{PinholeCamera, PointCloud, View};
+use crate::ScanState;
+use geometry::{PointCloud, View};
 
 /// By how much an expected overlap is taken to be missed where a least one is asked for, after this many scans: what nobody
 /// expected early turns up in the image. Of 78 first next views on 26 objects, 8 had an overlap under 0.2 where 0.3 were asked
@@ -22,7 +23,8 @@ pub fn usual_scan(cloud: &PointCloud, scans: usize) -> f64 {
 
 /// Measured points that the view would see again, over the points that a scan usually has. Points count if they
 /// face the camera, lie in the image and are not behind others (cells of the image about three points wide).
-pub fn estimate(cloud: &PointCloud, view: &View, camera: &PinholeCamera, usual_scan: f64) -> f64 {
+pub fn estimate(state: &ScanState, view: &View, usual_scan: f64) -> f64 {
+    let (cloud, camera, sensor) = (&state.cloud, &state.camera, &state.sensor);
     let camera_from_world = view.world_from_camera().inverse();
     let distance = (view.position - view.target).norm();
     let (low, high) = cloud.bounding_box();
@@ -33,6 +35,7 @@ pub fn estimate(cloud: &PointCloud, view: &View, camera: &PinholeCamera, usual_s
         let pixel = camera.project(&local);
         let seen = local.z > 0.0
             && (view.position - p).dot(n) > 0.1 * n.norm() * (view.position - p).norm()
+            && sensor.measures(&view.position, p, n)
             && (0.0..f64::from(camera.width)).contains(&pixel.x)
             && (0.0..f64::from(camera.height)).contains(&pixel.y);
         let scale = distance / (camera.fx * cell.max(f64::MIN_POSITIVE));
@@ -50,6 +53,7 @@ pub fn estimate(cloud: &PointCloud, view: &View, camera: &PinholeCamera, usual_s
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::SensorConfig;
     use nalgebra::{Point3, Vector3};
 
     #[test]
@@ -58,18 +62,19 @@ mod tests {
             (0..900).map(|i| Point3::new(f64::from(i % 30) * 0.003, f64::from(i / 30) * 0.003, 0.0)).collect();
         let cloud = PointCloud { normals: vec![Vector3::z(); points.len()], points };
         let target = Point3::new(0.045, 0.045, 0.0);
-        let from = |offset: Vector3<f64>| {
-            estimate(
-                &cloud,
-                &View { target, position: target + offset },
-                &PinholeCamera::default(),
-                usual_scan(&cloud, 1),
-            )
+        let usual = usual_scan(&cloud, 1);
+        let mut state = ScanState { cloud, ..ScanState::default() };
+        let from = |state: &ScanState, offset: Vector3<f64>| {
+            estimate(state, &View { target, position: target + offset }, usual)
         };
-        assert_eq!(from(Vector3::new(0.0, 0.0, 1.2)), 1.0, "all of it from the front");
-        assert_eq!(from(Vector3::new(0.0, 0.0, -1.2)), 0.0, "nothing from behind");
-        let near = from(Vector3::new(0.0, 0.0, 0.03));
+        assert_eq!(from(&state, Vector3::new(0.0, 0.0, 1.2)), 1.0, "all of it from the front");
+        assert_eq!(from(&state, Vector3::new(0.0, 0.0, -1.2)), 0.0, "nothing from behind");
+        let near = from(&state, Vector3::new(0.0, 0.0, 0.03));
         assert!(near > 0.05 && near < 0.9, "the part in the image from close by: {near}");
+        state.sensor = SensorConfig { max_range_m: Some(1.0), ..SensorConfig::default() };
+        assert_eq!(from(&state, Vector3::new(0.0, 0.0, 1.2)), 0.0, "out of the sensor's range");
+        state.sensor = SensorConfig { max_incidence_deg: Some(60.0), ..SensorConfig::default() };
+        assert_eq!(from(&state, Vector3::new(1.2, 0.0, 0.3)), 0.0, "too flat for it");
     }
 
     #[test]
@@ -80,7 +85,8 @@ mod tests {
         let cloud = PointCloud { normals: vec![Vector3::z(); points.len()], points };
         let target = Point3::new(0.045, 0.045, 0.0);
         let view = View { target, position: target + Vector3::new(0.0, 0.0, 1.2) };
-        let share = estimate(&cloud, &view, &PinholeCamera::default(), cloud.len() as f64);
+        let usual = cloud.len() as f64;
+        let share = estimate(&ScanState { cloud, ..ScanState::default() }, &view, usual);
         assert!((share - 0.5).abs() < 0.1, "the front sheet is half of the cloud: {share}");
     }
 }

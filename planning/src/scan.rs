@@ -6,6 +6,7 @@ use crate::doubt::{self, PositionDoubt};
 use crate::estimate::estimated_scans;
 use crate::normals;
 use crate::registration::Registered;
+use crate::sensor::Dropped;
 use crate::thin;
 use crate::{Budget, CameraPose, Misses, PastScan, Seen, Stopped};
 use geometry::{
@@ -89,6 +90,12 @@ pub struct ScanReport {
     /// With a coordinate beyond [`FARTHEST_M`], as the marks of some sensors for no return are.
     #[serde(default)]
     pub out_of_range: usize,
+    /// Nearer or farther than the sensor measures.
+    #[serde(default)]
+    pub beyond_sensor: usize,
+    /// Pixels in the middle of a jump in depth.
+    #[serde(default)]
+    pub mixed_pixels: usize,
     /// Outside the region of interest.
     pub outside_region: usize,
     /// Dropped as far from all others.
@@ -121,6 +128,8 @@ impl ScanReport {
         let parts = [
             (self.not_finite, "without a position"),
             (self.out_of_range, "farther away than a million metres"),
+            (self.beyond_sensor, "out of the sensor's range"),
+            (self.mixed_pixels, "mixed of two depths"),
             (self.outside_region, "outside the region"),
             (self.duplicates, "given twice"),
             (self.thinned, "thinned out"),
@@ -177,19 +186,28 @@ pub(crate) fn prepare(
     config: &SessionConfig,
     budget: &Budget,
 ) -> Result<(PreparedScan, Option<Neighborhoods>), Refusal> {
+    let mut dropped = Dropped::default();
     let raw = match &mut scan {
         Scan::Cloud { cloud, .. } => std::mem::take(cloud),
         Scan::Depth { camera, depth, world_from_camera, .. } => {
-            depth.depth.iter_mut().filter(|d| d.is_nan() || f64::from(**d) > FARTHEST_M).for_each(|d| *d = 0.0);
+            depth.depth.iter_mut().filter(|d| f64::from(**d) > FARTHEST_M).for_each(|d| *d = 0.0);
+            dropped = config.sensor.clean(depth, camera);
             PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() }
         }
     };
-    let mut report = ScanReport { read: raw.len(), ..Default::default() };
+    let read = raw.len() + dropped.range + dropped.mixed;
+    let mut report =
+        ScanReport { read, beyond_sensor: dropped.range, mixed_pixels: dropped.mixed, ..Default::default() };
     let finite = |i: &usize| raw.points[*i].iter().all(|x| x.abs() <= FARTHEST_M);
     let mut kept: Vec<usize> = (0..raw.len()).filter(finite).collect();
     let far = |p: &&Point3<f64>| p.iter().all(|x| x.is_finite()) && p.coords.amax() > FARTHEST_M;
     report.out_of_range = raw.points.iter().filter(far).count();
     report.not_finite = raw.len() - kept.len() - report.out_of_range;
+    if let Scan::Cloud { from: Some(from), .. } = &scan {
+        let before = kept.len();
+        kept.retain(|&i| config.sensor.reaches((raw.points[i] - from).norm()));
+        report.beyond_sensor = before - kept.len();
+    }
     if let Some([low, high]) = config.region_m {
         let before = kept.len();
         kept.retain(|&i| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&raw.points[i][axis])));

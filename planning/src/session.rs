@@ -11,7 +11,7 @@ mod request;
 mod warnings;
 
 use crate::answer::{Answer, Candidate, CloudSummary, EstimatedCamera};
-use crate::config::SessionConfig;
+use crate::config::{PlannerName, SessionConfig};
 use crate::constraints::{Objection, Surroundings, count_exclusions};
 use crate::doubt::Offset;
 use crate::overlap;
@@ -118,6 +118,7 @@ impl Session {
             self.state.reach += self.config.tolerance_m - self.state.tolerance;
             self.state.tolerance = self.config.tolerance_m;
             self.state.camera = self.config.camera.camera();
+            self.state.sensor = self.config.sensor;
         } else {
             self.rebuild();
         }
@@ -239,6 +240,7 @@ impl Session {
         };
         let complete = ranking.complete;
         let &mut Ranking { views: ref ranked, boundary, .. } = self.ranking.insert(ranking);
+        let predicts = choice.planner == PlannerName::Volumetric;
         let given = self.state.given();
         let scanned: Vec<Point3<f64>> = if given.is_empty() { Vec::new() } else { positions.clone() };
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
@@ -260,7 +262,7 @@ impl Session {
                 let view = &ranked.view;
                 let overlap = ranked.overlap.or_else(|| {
                     (constraints.min_overlap > 0.0 || demand.as_ref().is_some_and(|(d, _)| d.needs_overlap()))
-                        .then(|| overlap::estimate(&self.state.cloud, view, &self.state.camera, usual_scan))
+                        .then(|| overlap::estimate(&self.state, view, usual_scan))
                 });
                 let given = given.iter().position(|g| g == view);
                 let registration = demand.as_ref().map(|(demand, frame)| demand.predict(&self.state, view, frame));
@@ -283,6 +285,7 @@ impl Session {
                         false => {
                             let least = overlap.map(|o| o - overlap::margin(num_scans));
                             let mut objections = constraints.objections(view, least, &known);
+                            objections.extend(Objection::of_sensor(&self.config.sensor, ranked, predicts));
                             objections.extend(unregistrable(
                                 view,
                                 &self.unregistered,

@@ -1,7 +1,7 @@
 //! What a policy may see.
 
-use crate::Budget;
 use crate::estimate::Trust;
+use crate::{Budget, SensorConfig};
 use geometry::neighbors::{NeighborGrid, Neighborhoods};
 use geometry::{DepthImage, PinholeCamera, PointCloud, View};
 use nalgebra::{Isometry3, Point3};
@@ -79,6 +79,8 @@ pub struct ScanState {
     pub reach: f64,
     /// Camera that will take the next scan.
     pub camera: PinholeCamera,
+    /// What that camera measures.
+    pub sensor: SensorConfig,
     /// Poses that the next view is chosen from (`world_from_camera`); empty: views at the boundary of the cloud.
     pub given_views: Arc<[Isometry3<f64>]>,
     /// How long the decision may take: asked between views.

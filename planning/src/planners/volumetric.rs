@@ -212,7 +212,7 @@ impl VolumetricPlanner {
         let carves = self.carved.iter().all(Carved::carves);
         self.carves = carves;
         let trust = predict::trust(grid.voxel, state.tolerance);
-        let marcher = Marcher::new(&grid, carves);
+        let marcher = Marcher::new(&grid, carves).of_sensor(&state.sensor);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
         let look = |(view, pose): &(View, Isometry3<f64>)| {
             if state.budget.is_spent() {

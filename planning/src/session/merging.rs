@@ -64,6 +64,7 @@ impl Session {
             working_distance: config.working_distance_m,
             tolerance: config.tolerance_m,
             camera: config.camera.camera(),
+            sensor: config.sensor,
             given_views: Arc::clone(&self.given_views),
             near: OnceLock::new(),
             budget: Budget::default(),

@@ -56,7 +56,7 @@ impl Session {
         let usual = overlap::usual_scan(&self.state.cloud, self.scans.len());
         let mut most: Option<(f64, &RankedView)> = None;
         for ranked in new {
-            let known = || overlap::estimate(&self.state.cloud, &ranked.view, &self.state.camera, usual);
+            let known = || overlap::estimate(&self.state, &ranked.view, usual);
             let least = demand.needs_overlap().then(|| ranked.overlap.unwrap_or_else(known));
             let least = least.map(|o| o - overlap::margin(self.scans.len()));
             let expected = demand.predict(&self.state, &ranked.view, &frame);

@@ -44,6 +44,16 @@ impl Session {
         if far > 0 {
             warnings.push(format!("left out {far} points farther away than {FARTHEST_M:.0e} m: marks for no return?"));
         }
+        let (beyond, mixed) = (total(|r| r.beyond_sensor), total(|r| r.mixed_pixels));
+        if beyond > 0 {
+            warnings.push(format!(
+                "left out {beyond} of {read} points nearer or farther than the sensor measures (sensor.min_range_m, \
+                 sensor.max_range_m)"
+            ));
+        }
+        if mixed > 0 {
+            warnings.push(format!("left out {mixed} pixels between two depths (sensor.drop_mixed_pixels)"));
+        }
         let outliers = total(|r| r.outliers);
         if outliers > 0 {
             warnings.push(format!("dropped {outliers} points far from all others (outlier_factor)"));

@@ -243,7 +243,8 @@ impl VoxelGrid {
             }
             let (column, row) = ((u as usize).wrapping_sub(x0), (v as usize).wrapping_sub(y0));
             let measured = if column < columns && row < rows { depth.depth[row * columns + column] } else { 0.0 };
-            if if measured > 0.0 { z < measured - margin } else { on_miss } {
+            // Not a number: a miss is no free space where something was measured and not believed.
+            if if measured > 0.0 { z < measured - margin } else { on_miss && !measured.is_nan() } {
                 Self::free(&mut self.code, &mut self.membrane, i as usize);
             }
         }

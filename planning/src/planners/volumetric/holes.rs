@@ -100,7 +100,7 @@ impl VolumetricPlanner {
         if pieces.is_empty() {
             return Vec::new();
         }
-        let marcher = Marcher::new(grid, self.carves);
+        let marcher = Marcher::new(grid, self.carves).of_sensor(&state.sensor);
         let describe = |piece: &Vec<usize>| describe(&marcher, state, allowed, piece, self.surface);
         let mut holes: Vec<Hole> = pieces.iter().map(describe).collect();
         holes.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
@@ -163,7 +163,7 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
         for (reached, spot) in reached.iter_mut().zip(&samples).filter(|(reached, _)| !**reached) {
             *reached = spot.directions().any(|direction| {
                 let view = View { target: spot.point, position: spot.point + state.working_distance * direction };
-                spot.is_in_sight(marcher, &view.position) && may_be_taken(&view)
+                spot.is_measured(marcher, &view.position) && may_be_taken(&view)
             });
         }
     }
@@ -219,8 +219,19 @@ impl Spot {
         matches!(hit, Hit::Expected { at, .. } if (at - distance).abs() <= NEAR)
     }
 
+    /// The same, near enough and not too flat for the sensor.
+    fn is_measured(&self, marcher: &Marcher, eye: &Point3<f64>) -> bool {
+        let ray = eye - self.point;
+        let cosine = match self.normal.try_normalize(1e-9) {
+            Some(normal) => normal.dot(&ray) / ray.norm().max(f64::MIN_POSITIVE),
+            None => 1.0,
+        };
+        let distance = ray.norm() / marcher.grid().voxel;
+        marcher.measures(distance as f32, cosine.max(0.0) as f32) && self.is_in_sight(marcher, eye)
+    }
+
     fn is_seen(&self, marcher: &Marcher, camera: &PinholeCamera, pose: &Isometry3<f64>) -> bool {
-        in_image(camera, pose, &self.point) && self.is_in_sight(marcher, &Point3::from(pose.translation.vector))
+        in_image(camera, pose, &self.point) && self.is_measured(marcher, &Point3::from(pose.translation.vector))
     }
 
     fn why(&self, marcher: &Marcher, scan: &PastScan) -> Unseen {

@@ -1,6 +1,7 @@
 //! Rays through the voxels, in steps that leap over what cannot stop them.
 
 use super::grid::{BLOCK, FREE, HOLLOW, SOLID, SurfaceVoxel, VoxelGrid};
+use crate::SensorConfig;
 
 /// Steps of the rays in voxels.
 const STEP: f32 = 0.75;
@@ -35,6 +36,14 @@ pub(super) struct Marcher<'a> {
     leaps: [Vec<u8>; 2],
     /// Blocks with something that may stop a ray or be unknown to it, by their first voxel.
     occupied: Vec<[usize; 3]>,
+    sensor: Limits,
+}
+
+/// What the sensor measures: from how near to how far, voxels, and the least cosine to the normal.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    range: [f32; 2],
+    cosine: f32,
 }
 
 impl<'a> Marcher<'a> {
@@ -55,7 +64,20 @@ impl<'a> Marcher<'a> {
         }
         let corner = |b: usize| [b % blocks, b / blocks % blocks, b / (blocks * blocks)].map(|c| c * BLOCK);
         let occupied = (0..occupied.len()).filter(|&b| occupied[b]).map(corner).collect();
-        Self { grid, carves, cells, leaps: stops.map(|stops| leaps(stops, cells)), occupied }
+        let sensor = Limits { range: [0.0, f32::INFINITY], cosine: 0.0 };
+        Self { grid, carves, cells, leaps: stops.map(|stops| leaps(stops, cells)), occupied, sensor }
+    }
+
+    /// For a sensor with limits.
+    pub(super) fn of_sensor(self, sensor: &SensorConfig) -> Self {
+        let range = sensor.range().map(|metres| (metres / self.grid.voxel) as f32);
+        Self { sensor: Limits { range, cosine: sensor.least_cosine() as f32 }, ..self }
+    }
+
+    /// Whether the sensor measures what a ray meets at this distance (voxels), at an angle of this cosine.
+    pub(super) fn measures(&self, at: f32, cosine: f32) -> bool {
+        let [near, far] = self.sensor.range;
+        at >= near && at <= far && cosine >= self.sensor.cosine
     }
 
     pub(super) fn grid(&self) -> &VoxelGrid {

@@ -184,6 +184,10 @@ impl Marcher<'_> {
                     let across = |at: f32| f64::from((at * pitch).powi(2) * off_axis.powi(3));
                     match self.follow(&eye, &ray.into(), tile.near, tile.far) {
                         Hit::Nothing { entered: None } => {}
+                        Hit::Nothing { entered: Some(at) } if !self.measures(at, 1.0) => {}
+                        Hit::Known { at, cosine, .. } if !self.measures(at, cosine) => {}
+                        Hit::Expected { index, at } if !self.measures(at, self.expected_cosine(index, &ray.into())) => {
+                        }
                         Hit::Nothing { entered: Some(at) } => {
                             counts[0] += 1;
                             area.beyond += across(at);

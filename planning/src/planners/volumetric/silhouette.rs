@@ -3,7 +3,7 @@
 
 use super::grid::{Projection, VoxelGrid};
 use crate::{PastScan, Seen};
-use geometry::PinholeCamera;
+use geometry::{DepthImage, PinholeCamera};
 use nalgebra::{Isometry3, Point3};
 
 /// Cells by which an outline may err where parts are thinner than its cells.
@@ -27,6 +27,17 @@ pub(super) struct Silhouette {
     image: Option<[[f64; 2]; 2]>,
 }
 
+/// Where it is not known what the pixels met.
+fn unknown_directions(camera: &PinholeCamera, image: &DepthImage) -> Vec<[f64; 2]> {
+    let columns = image.size[0].max(1);
+    let direction = |(i, _): (usize, &f32)| {
+        let (column, row) = (image.origin[0] + i as u32 % columns, image.origin[1] + i as u32 / columns);
+        let ray = camera.unproject(f64::from(column), f64::from(row), 1.0);
+        [ray.x, ray.y]
+    };
+    image.depth.iter().enumerate().filter(|(_, z)| z.is_nan()).map(direction).collect()
+}
+
 impl Silhouette {
     /// The outline of what a scan measured: by the pixel in a depth image; of points in cells as wide as they are apart, half
     /// a `voxel` at least, and kept a cell away from them. `None` where nothing was measured.
@@ -34,6 +45,7 @@ impl Silhouette {
         let camera_from_world = scan.world_from_camera.inverse();
         let mut directions = Vec::new();
         let mut depths = Vec::new();
+        let mut unknown = Vec::new();
         let mut add = |p: &Point3<f64>| {
             let p = camera_from_world * p;
             if p.z > 0.0 && p.iter().all(|x| x.is_finite()) {
@@ -44,6 +56,7 @@ impl Silhouette {
         let image = match &scan.seen {
             Seen::Depth { camera, depth, .. } => {
                 depth.for_each_point(camera, &scan.world_from_camera, |p| add(&p));
+                unknown = unknown_directions(camera, depth);
                 Some(corners(camera))
             }
             Seen::Points(points) => {
@@ -54,6 +67,8 @@ impl Silhouette {
         let middle = depths.len() / 2;
         let (_, &mut depth, _) =
             depths.get_mut(middle).is_some().then(|| depths.select_nth_unstable_by(middle, f64::total_cmp))?;
+        // No background either, where something was measured and not believed.
+        directions.append(&mut unknown);
         let low = |k: usize| directions.iter().map(|d| d[k]).fold(f64::INFINITY, f64::min);
         let high = |k: usize| directions.iter().map(|d| d[k]).fold(f64::NEG_INFINITY, f64::max);
         let [from, to] = [[low(0), low(1)], [high(0), high(1)]];

@@ -1,0 +1,98 @@
+//! Calibrations of cameras as ROS, OpenCV, RealSense, Kalibr and Open3D write them, told apart by what stands in the file
+//! (docs/formats.md, 'Cameras').
+
+mod json;
+mod yaml;
+
+use crate::{FormatError, Place};
+use geometry::Lens;
+use std::path::Path;
+
+/// A calibrated camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraFile {
+    /// Columns and rows of the image that it was calibrated for, where the file says so.
+    pub size: Option<[u32; 2]>,
+    /// fx, fy, cx, cy in pixels.
+    pub intrinsics: [f64; 4],
+    /// Its distortion.
+    pub lens: Lens,
+}
+
+const EXPECTED: &str = "a calibration: ROS CameraInfo (YAML), OpenCV FileStorage (YAML), Kalibr's camchain (YAML), RealSense's or \
+                        Open3D's intrinsics (JSON)";
+
+/// Reads a calibration; `FILE:NAME` takes one camera of several (Kalibr's `cam1`).
+///
+/// # Errors
+/// A file that cannot be read, of none of the formats, of several cameras without a name, or with a model that is not known here.
+pub fn read_camera(file: &str) -> Result<CameraFile, FormatError> {
+    let (path, name) = match file.rsplit_once(':') {
+        Some((path, name)) if !Path::new(file).exists() => (Path::new(path), Some(name)),
+        _ => (Path::new(file), None),
+    };
+    parse_camera(path, &crate::file::read(path)?, name)
+}
+
+/// [`read_camera`] on bytes at hand; `path` stands in the errors.
+///
+/// # Errors
+/// As [`read_camera`].
+pub fn parse_camera(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<CameraFile, FormatError> {
+    let text = std::str::from_utf8(bytes).map_err(|e| {
+        FormatError::syntax(path, Place::Byte(e.valid_up_to() as u64), "bytes that are no text", EXPECTED)
+    })?;
+    let text = text.trim_start_matches('\u{feff}').trim_start();
+    if text.starts_with('<') {
+        return Err(FormatError::syntax(path, Place::File, "XML", "OpenCV's FileStorage as YAML: write it to a .yml"));
+    }
+    let camera = if text.starts_with('{') { json::parse(path, text)? } else { yaml::parse(path, text, name)? };
+    let [fx, fy, _, _] = camera.intrinsics;
+    if !(fx > 0.0 && fy > 0.0 && camera.intrinsics.iter().all(|x| x.is_finite())) {
+        let found = format!("fx, fy, cx, cy = {:?}", camera.intrinsics);
+        return Err(FormatError::syntax(
+            path,
+            Place::Part("camera matrix".into()),
+            found,
+            "finite, fx and fy positive",
+        ));
+    }
+    Ok(camera)
+}
+
+/// fx, fy, cx, cy of a 3 x 3 matrix, row by row.
+fn of_matrix(path: &Path, k: &[f64]) -> Result<[f64; 4], FormatError> {
+    let place = || Place::Part("camera matrix".to_owned());
+    let &[fx, skew, cx, a, fy, cy, b, c, one] = k else {
+        return Err(FormatError::syntax(path, place(), format!("{} numbers", k.len()), "3 x 3, row by row"));
+    };
+    if a != 0.0 || b != 0.0 || c != 0.0 || one != 1.0 {
+        return Err(FormatError::syntax(path, place(), format!("{k:?}"), "[fx 0 cx; 0 fy cy; 0 0 1], row by row"));
+    }
+    if skew.abs() > 1e-6 * fx.abs() {
+        return Err(FormatError::syntax(path, place(), format!("a skew of {skew}"), "no skew"));
+    }
+    Ok([fx, fy, cx, cy])
+}
+
+/// A model of distortion by its name.
+fn lens(path: &Path, model: &str, coefficients: &[f64]) -> Result<Lens, FormatError> {
+    let wrong = |found: String| FormatError::syntax(path, Place::Part("distortion".into()), found, "a lens known here");
+    Lens::named(model, coefficients).map_err(wrong)
+}
+
+/// The image's size, both or none.
+fn size(path: &Path, width: Option<f64>, height: Option<f64>) -> Result<Option<[u32; 2]>, FormatError> {
+    let (Some(width), Some(height)) = (width, height) else { return Ok(None) };
+    let whole = |x: f64| (x.fract() == 0.0 && (1.0..=16_384.0).contains(&x)).then_some(x as u32);
+    match (whole(width), whole(height)) {
+        (Some(width), Some(height)) => Ok(Some([width, height])),
+        _ => {
+            let found = format!("{width} x {height}");
+            Err(FormatError::syntax(path, Place::Part("image size".into()), found, "1 to 16,384 pixels each"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,133 @@
+use super::*;
+
+fn parse(text: &str) -> Result<CameraFile, String> {
+    parse_camera(Path::new("camera.yaml"), text.as_bytes(), None).map_err(|e| e.to_string())
+}
+
+const BROWN: [f64; 8] = [0.1, -0.2, 0.001, -0.002, 0.05, 0.0, 0.0, 0.0];
+
+fn expected(lens: Lens) -> CameraFile {
+    CameraFile { size: Some([640, 480]), intrinsics: [500.5, 501.0, 320.25, 239.0], lens }
+}
+
+const ROS: &str = "image_width: 640
+image_height: 480
+camera_name: head
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [500.5, 0., 320.25, 0., 501, 239, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.1, -0.2, 1.0e-3, -0.002, 0.05]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0.]
+";
+
+const MESSAGE: &str = "header:\n  stamp:\n    sec: 3\n  frame_id: optical\nheight: 480\nwidth: 640\n\
+distortion_model: rational_polynomial\nd:\n- 0.1\n- -0.2\n- 0.001\n- -0.002\n- 0.05\n- 0.3\n- 0.4\n- 0.5\n\
+k:\n- 500.5\n- 0.0\n- 320.25\n- 0.0\n- 501.0\n- 239.0\n- 0.0\n- 0.0\n- 1.0\n\
+binning_x: 0\nbinning_y: 0\nroi:\n  x_offset: 0\n  y_offset: 0\n  do_rectify: false\n---\n";
+
+const OPENCV: &str = "%YAML:1.0
+---
+calibration_time: \"Sat Nov 28\"
+image_width: 640
+image_height: 480
+flags: 0
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 5.0050000000000000e+02, 0., 3.2025000000000000e+02, 0.,
+       501., 239., 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ 1.0000000000000001e-01, -2.0000000000000001e-01, 1.e-03, -2.e-03, 5.e-02 ]
+";
+
+const KALIBR: &str = "cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [0.01, 0.02, 0.03, 0.04]
+  distortion_model: equidistant
+  intrinsics: [500.5, 501.0, 320.25, 239.0]
+  resolution: [640, 480]
+  rostopic: /cam0/image_raw
+cam1:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, 0.1]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [0.1, -0.2, 0.001, -0.002]
+  distortion_model: radtan
+  intrinsics: [500.5, 501.0, 320.25, 239.0]
+  resolution: [640, 480]
+";
+
+const REALSENSE: &str = r#"{"width": 640, "height": 480, "ppx": 320.25, "ppy": 239.0, "fx": 500.5, "fy": 501.0,
+    "model": "distortion.brown_conrady", "coeffs": [0.1, -0.2, 0.001, -0.002, 0.05]}"#;
+
+const OPEN3D: &str =
+    r#"{"width": 640, "height": 480, "intrinsic_matrix": [500.5, 0, 0, 0, 501.0, 0, 320.25, 239.0, 1]}"#;
+
+#[test]
+fn each_format_says_the_same_camera() {
+    let brown = expected(Lens::BrownConrady(BROWN));
+    assert_eq!(parse(ROS), Ok(brown.clone()));
+    assert_eq!(parse(OPENCV), Ok(brown.clone()));
+    assert_eq!(parse(REALSENSE), Ok(brown));
+    let rational = Lens::BrownConrady([0.1, -0.2, 0.001, -0.002, 0.05, 0.3, 0.4, 0.5]);
+    assert_eq!(parse(MESSAGE), Ok(expected(rational)));
+    assert_eq!(parse(OPEN3D), Ok(expected(Lens::Pinhole)));
+    let fisheye = expected(Lens::Fisheye([0.01, 0.02, 0.03, 0.04]));
+    let of = |name| parse_camera(Path::new("chain.yaml"), KALIBR.as_bytes(), Some(name)).expect("named");
+    assert_eq!(of("cam0"), fisheye);
+    assert_eq!(of("cam1"), expected(Lens::BrownConrady([0.1, -0.2, 0.001, -0.002, 0.0, 0.0, 0.0, 0.0])));
+    let marked = OPENCV.replace("flags: 0", "flags: 0\nfisheye_model: 1").replace(", 5.e-02", "");
+    assert_eq!(parse(&marked), Ok(expected(Lens::Fisheye([0.1, -0.2, 0.001, -0.002]))));
+    let bare = ROS.replace("image_width: 640\nimage_height: 480\n", "");
+    assert_eq!(parse(&bare).map(|c| c.size), Ok(None), "the size is not known");
+}
+
+#[test]
+fn what_cannot_be_read_is_refused_by_name() {
+    let refused = |text: &str, says: &str| {
+        let error = parse(text).expect_err(says);
+        assert!(error.contains(says) && error.contains("camera.yaml"), "{says}: {error}");
+    };
+    refused(&ROS.replace("plumb_bob", "thin_prism"), "thin_prism");
+    refused(&ROS.replace("0., 0., 1.]\ndistortion_m", "0., 0.]\ndistortion_m"), "8 numbers");
+    refused(&ROS.replace("data: [500.5, 0.,", "data: [500.5, 3.,"), "skew of 3");
+    refused(&ROS.replace("data: [500.5", "data: [-500.5"), "fx and fy positive");
+    refused(&ROS.replace("image_width: 640", "image_width: 0"), "0 x 480");
+    refused(&ROS.replace("0.1, -0.2,", "0.1, oops,"), "distortion_coefficients");
+    refused(&MESSAGE.replace("binning_x: 0", "binning_x: 2"), "binning_x");
+    refused(&MESSAGE.replace("y_offset: 0", "y_offset: 12"), "y_offset of 12");
+    refused(KALIBR, "cam0, cam1");
+    let one = KALIBR.split("cam1:").next().expect("cam0");
+    refused(&one.replace("camera_model: pinhole", "camera_model: omni"), "omni");
+    refused(&one.replace("equidistant", "fov"), "fov");
+    refused(
+        &REALSENSE.replace("distortion.brown_conrady", "distortion.inverse_brown_conrady"),
+        "inverse_brown_conrady",
+    );
+    refused(&REALSENSE.replace("\"fx\"", "\"f\""), "fx, fy, ppx, ppy");
+    refused("<?xml version=\"1.0\"?><opencv_storage/>", "XML");
+    refused("just text", "no keys");
+    refused("a: &a [1, 2]\nb: *a\n", "anchor");
+    refused(&"[".repeat(100_000), "levels");
+    refused(&"- ".repeat(100_000), "levels");
+    refused("{\"width\": ", "line 1");
+    let zeros = REALSENSE.replace("distortion.brown_conrady", "distortion.inverse_brown_conrady");
+    let zeros = zeros.replace("[0.1, -0.2, 0.001, -0.002, 0.05]", "[0.0, 0.0, 0.0, 0.0, 0.0]");
+    assert_eq!(parse(&zeros), Ok(expected(Lens::Pinhole)), "no coefficients, no distortion");
+}
