@@ -5,11 +5,11 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const CRATES: [&str; 9] =
-    ["built", "geometry", "planning", "formats", "datagen", "model", "train", "infer", "evaluate"];
+const CRATES: [&str; 10] =
+    ["built", "geometry", "planning", "formats", "datagen", "model", "train", "infer", "evaluate", "python"];
 
 /// What each crate may use of ours, and whether it may name burn.
-const RULES: [(&str, &[&str], bool); 9] = [
+const RULES: [(&str, &[&str], bool); 10] = [
     ("built", &[], false),
     ("geometry", &[], false),
     ("planning", &["geometry"], false),
@@ -19,6 +19,7 @@ const RULES: [(&str, &[&str], bool); 9] = [
     ("train", &["built", "geometry", "planning", "formats", "datagen", "model"], true),
     ("infer", &["built", "geometry", "planning", "formats", "datagen", "model"], false),
     ("evaluate", &["built", "geometry", "planning", "formats", "datagen", "model"], false),
+    ("python", &["geometry", "planning", "formats", "datagen", "model", "train", "infer", "evaluate"], false),
 ];
 
 fn manifest(name: &str) -> toml::Table {
@@ -113,6 +114,8 @@ fn there_is_one_loop_one_session_and_one_accumulation() {
         "evaluate/src/objects.rs",
         "evaluate/src/report/replay.rs",
         "infer/src/simulate.rs",
+        // Scans that a user asks for from a pose of his own.
+        "python/src/scene.rs",
         "train/src/pc_nbv_data.rs",
     ];
     for file in &simulate {

@@ -1,7 +1,7 @@
 //! The command line of `datagen`.
 
+use crate::config::DatagenConfig;
 use clap::{Args, Parser, Subcommand};
-use datagen::config::DatagenConfig;
 use formats::Flag;
 use formats::program::{CommonArgs, EXIT_CODES, length, seed, share};
 use std::path::PathBuf;

@@ -1,5 +1,6 @@
 //! Simulated scanning and the model-based BENBV search.
 
+mod args;
 pub mod config;
 pub mod dataset;
 pub mod episode;
@@ -7,8 +8,11 @@ pub mod generate;
 pub mod history;
 pub mod inspect;
 pub mod noise;
+mod part;
 pub mod pose_error;
 pub mod procedural;
+pub mod program;
+mod progress;
 pub mod recording;
 pub mod registration;
 pub mod scene;
@@ -29,3 +33,4 @@ pub use recording::Recording;
 pub use registration::{EpisodeRegistration, RegistrationOutcome};
 pub use scene::{RenderConfig, RenderScratch, Renderer, Scene};
 pub use search::{ScoredViews, SearchConfig, SearchPlanner, score_views};
+pub use world::episode_session;

@@ -1,7 +1,7 @@
 //! Which share of the objects a process takes.
 
+use crate::generate::Part;
 use anyhow::{Context, bail};
-use datagen::generate::Part;
 
 /// This process's share: the flag, or what a Slurm array task or a Kubernetes indexed job says.
 pub(crate) fn part(flag: Option<&str>, environment: impl Fn(&str) -> Option<String>) -> anyhow::Result<Part> {

@@ -248,7 +248,7 @@ fn cloud_scan(points: Vec<Point3<f64>>, from: Option<Point3<f64>>) -> Scan {
 }
 
 /// The session of an episode: a robot's where scans are thinned; else with all points of every scan.
-pub(crate) fn episode_session(config: &EpisodeConfig, samples: &[Point3<f64>]) -> Session {
+pub fn episode_session(config: &EpisodeConfig, samples: &[Point3<f64>]) -> Session {
     let image = &config.image;
     let camera =
         CameraConfig { width: image.width, height: image.height, fov_y_deg: image.fov_y_deg, intrinsics: None };

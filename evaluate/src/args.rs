@@ -1,7 +1,7 @@
 //! The command line of `evaluate`.
 
+use crate::config::{EvaluateConfig, PaperConfig};
 use clap::Parser;
-use evaluate::config::{EvaluateConfig, PaperConfig};
 use formats::config::{ConfigError, Flag};
 use formats::program::{CommonArgs, EXIT_CODES, length};
 use std::path::PathBuf;

@@ -23,6 +23,12 @@ pub trait Watch: Sync {
     /// A recording lacks what a policy is to be told.
     fn left_out(&self, _object: &str, _policy: &str) {}
 
+    /// So many episodes of a policy were run with other weights, and are run again.
+    fn outdated(&self, _policy: &str, _episodes: usize) {}
+
+    /// Of so many episodes so many are done already.
+    fn begun(&self, _episodes: usize, _done: usize) {}
+
     /// This share of an object's surface is seen by no camera around it, and does not count.
     fn unseeable(&self, _object: &str, _share: f64) {}
 }

@@ -5,7 +5,7 @@ use formats::config::digest;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::borrow::Cow;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -91,6 +91,18 @@ impl Contents {
         before - self.episodes.len()
     }
 
+    /// Forgets the episodes of this policy that could not be run: they are tried again.
+    pub fn forget_skipped(&mut self, policy: &str) {
+        self.skipped.retain(|s| s.key.policy != policy);
+    }
+
+    /// Forgets the episodes of this policy; says how many.
+    pub fn forget(&mut self, policy: &str) -> usize {
+        let before = self.episodes.len();
+        self.episodes.retain(|(r, _)| r.key.policy != policy);
+        before - self.episodes.len()
+    }
+
     /// Into the order of keys.
     pub(crate) fn sort(&mut self) {
         self.episodes.sort_by(|a, b| a.0.key.cmp(&b.0.key));
@@ -103,6 +115,13 @@ impl Contents {
             again
         });
         self.skipped.sort_by(|a, b| a.key.cmp(&b.key));
+        self.skipped.dedup_by(|later, earlier| {
+            let again = later.key == earlier.key;
+            if again {
+                std::mem::swap(later, earlier);
+            }
+            again
+        });
     }
 }
 
@@ -214,6 +233,8 @@ fn opened(line: &str) -> Result<Cow<'_, str>, String> {
 
 fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, JournalError> {
     let mut contents = Contents::default();
+    // What became of an episode at last: it may have been tried again.
+    let mut was_run: BTreeMap<EpisodeKey, bool> = BTreeMap::new();
     let unsealed = text.lines().filter(|line| !line.starts_with(SUM)).count();
     if unsealed > 0 {
         tracing::warn!("{path:?}: {unsealed} lines of an older program have no checksum: damage would not be seen");
@@ -235,10 +256,18 @@ fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, Jo
                     return Err(JournalError::OtherSettings { path, found, expected });
                 }
             }
-            Entry::Episode { record, timing } => contents.episodes.push((record, timing)),
-            Entry::Skipped(skipped) => contents.skipped.push(skipped),
+            Entry::Episode { record, timing } => {
+                was_run.insert(record.key.clone(), true);
+                contents.episodes.push((record, timing));
+            }
+            Entry::Skipped(skipped) => {
+                was_run.insert(skipped.key.clone(), false);
+                contents.skipped.push(skipped);
+            }
         }
     }
+    contents.episodes.retain(|(r, _)| was_run.get(&r.key) == Some(&true));
+    contents.skipped.retain(|s| was_run.get(&s.key) == Some(&false));
     contents.sort();
     Ok(contents)
 }

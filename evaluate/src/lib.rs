@@ -1,5 +1,6 @@
 //! Policies, metrics and the paper's tables: objects x policies x episodes through one loop, with confidence intervals.
 
+mod args;
 pub mod batches;
 pub mod benchmark;
 pub mod bootstrap;
@@ -14,5 +15,7 @@ pub mod networks;
 pub mod networks;
 pub mod objects;
 pub mod policies;
+pub mod program;
 pub mod record;
 pub mod report;
+pub mod run;

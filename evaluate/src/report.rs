@@ -200,7 +200,7 @@ fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
     };
     format!(
         "{} episodes of {} policies on {} {kind} ({}), seed {}, {} next views after the first, working distance {distance}, \
-         {} episodes without a usable first view. Never reached counts {} views. Intervals are 95 %, bootstrapped.",
+         {} episodes not run. Never reached counts {} views. Intervals are 95 %, bootstrapped.",
         contents.episodes.len(),
         policies.len(),
         objects.len(),

@@ -117,6 +117,36 @@ where
     Value::Table(table).try_into().map_err(|e| layer_error("settings".to_owned(), &e))
 }
 
+/// Settings with changes laid over them: JSON with tables for tables. `name` is what they are called in errors.
+///
+/// # Errors
+/// An unknown key or a wrong type, by name.
+pub fn overlaid<T>(base: &T, changes: serde_json::Value, name: &str) -> Result<T, String>
+where
+    T: Serialize + DeserializeOwned,
+{
+    let wrong = |e: serde_json::Error| format!("{name}: {e}");
+    let mut merged = serde_json::to_value(base).map_err(wrong)?;
+    merge_json(&mut merged, changes, name)?;
+    serde_json::from_value(merged).map_err(wrong)
+}
+
+/// Lays changes over `base`, which is known as `name`; what is an object there is one here.
+fn merge_json(base: &mut serde_json::Value, changes: serde_json::Value, name: &str) -> Result<(), String> {
+    use serde_json::Value;
+    match (base, changes) {
+        (Value::Object(base), Value::Object(changes)) => changes.into_iter().try_for_each(|(key, value)| {
+            let name = format!("{name}.{key}");
+            merge_json(base.entry(key).or_insert(Value::Null), value, &name)
+        }),
+        (Value::Object(_), _) => Err(format!("{name}: expected an object of settings")),
+        (base, changes) => {
+            *base = changes;
+            Ok(())
+        }
+    }
+}
+
 /// The settings as the text of a TOML file.
 ///
 /// # Errors

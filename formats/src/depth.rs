@@ -81,7 +81,12 @@ fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<
     image(path, [columns, rows], values, Some(f64::from(u16::MAX)), metres_per_unit)
 }
 
-fn image(
+/// A depth image from its values, row by row, as [`read_depth`] would make it of a file that holds them. `largest_integer` is
+/// the largest value that their type can take, where that is one of integers; `path` stands in the errors.
+///
+/// # Errors
+/// An image without pixels.
+pub fn image(
     path: &Path,
     [columns, rows]: [usize; 2],
     values: impl IntoIterator<Item = f64>,

@@ -208,26 +208,18 @@ pub fn with_causes(error: &dyn Error) -> String {
     text
 }
 
-/// Reads the command line of this process; an invalid one ends it with code 2.
-pub fn parse<C: Parser>() -> C {
-    let parsed = matches::<C>(std::env::args_os()).and_then(|(mut command, matches)| {
-        match generate::generate(&matches, command.clone(), &mut std::io::stdout().lock()) {
-            Ok(false) => {}
-            // A reader that goes away is no error.
-            Ok(true) | Err(_) => std::process::exit(0),
-        }
-        C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
-    });
-    parsed.unwrap_or_else(|error| error.exit())
-}
-
-/// Reads a command line. A number below zero is taken as the value of its flag, whose check says what is wrong with it.
+/// Reads a command line, the program's name first. A number below zero is taken as the value of its flag, whose check says what
+/// is wrong with it. Where completions or a man page are asked for, they are printed, and the program ends.
 ///
 /// # Errors
 /// An invalid command line.
 pub fn parse_from<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<C, clap::Error> {
     let (mut command, matches) = matches::<C>(words)?;
-    C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+    match generate::generate(&matches, command.clone(), &mut std::io::stdout().lock()) {
+        Ok(false) => C::from_arg_matches(&matches).map_err(|error| error.format(&mut command)),
+        // A reader that goes away is no error.
+        Ok(true) | Err(_) => std::process::exit(0),
+    }
 }
 
 fn matches<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<(Command, ArgMatches), clap::Error> {

@@ -1,3 +1,16 @@
-//! What `infer` shows a person: the answer as a page. Planning itself is the crate `planning`.
+//! A shell around the crate `planning` for real scans: the program `infer`, and what the Python package shares with it.
 
+mod args;
+mod frustums;
+mod http;
+mod kept;
+mod lines;
+pub mod load;
+pub mod program;
 pub mod report;
+mod request;
+mod service;
+mod simulate;
+pub mod weights;
+
+pub use request::Unit;

@@ -6,6 +6,7 @@ pub use scan::{Unit, cloud_body};
 
 use crate::load::Loaded;
 use crate::service::{BoundedJson, Method, OnDeadline, Refusal, Written};
+use formats::config::overlaid;
 use planning::{Misses, SessionConfig};
 use scan::ScanRequest;
 use serde::Deserialize;
@@ -162,26 +163,10 @@ pub struct CreateRequest {
 /// # Errors
 /// An unknown key or a wrong type, by name.
 pub fn over(base: &SessionConfig, changes: Option<BoundedJson>) -> Result<SessionConfig, Refusal> {
-    let Some(BoundedJson(changes)) = changes else { return Ok(base.clone()) };
-    let wrong = |e: serde_json::Error| Refusal::new(400, "bad_config", format!("config: {e}"));
-    let mut merged = serde_json::to_value(base).map_err(wrong)?;
-    if !changes.is_null() {
-        merge(&mut merged, changes, "config").map_err(|message| Refusal::new(400, "bad_config", message))?;
-    }
-    serde_json::from_value(merged).map_err(wrong)
-}
-
-/// Lays changes over `base`, which is known as `name`; what is an object there is one here.
-fn merge(base: &mut Value, changes: Value, name: &str) -> Result<(), String> {
-    match (base, changes) {
-        (Value::Object(base), Value::Object(changes)) => changes.into_iter().try_for_each(|(key, value)| {
-            let name = format!("{name}.{key}");
-            merge(base.entry(key).or_insert(Value::Null), value, &name)
-        }),
-        (Value::Object(_), _) => Err(format!("{name}: expected an object of settings")),
-        (base, changes) => {
-            *base = changes;
-            Ok(())
+    match changes {
+        None | Some(BoundedJson(Value::Null)) => Ok(base.clone()),
+        Some(BoundedJson(changes)) => {
+            overlaid(base, changes, "config").map_err(|message| Refusal::new(400, "bad_config", message))
         }
     }
 }

@@ -257,6 +257,8 @@ pub enum Constraint {
     Registrability,
     /// The sensor would measure nothing from there.
     Sensor,
+    /// The caller's own check says no.
+    Reach,
 }
 
 impl Constraint {
@@ -273,6 +275,7 @@ impl Constraint {
             Self::Clearance => "clearance_m",
             Self::Registrability => "registration.registrability",
             Self::Sensor => "sensor (range, incidence)",
+            Self::Reach => "the caller's own check",
         }
     }
 }
@@ -303,6 +306,11 @@ impl Objection {
             _ => return None,
         };
         Some(Self { constraint: Constraint::Sensor, reason })
+    }
+
+    /// A pose that the caller's own check refuses.
+    pub(crate) fn out_of_reach(reason: String) -> Self {
+        Self { constraint: Constraint::Reach, reason }
     }
 
     /// A given view from which a scan was taken.

@@ -28,7 +28,7 @@ use registering::unregistrable;
 use std::sync::Arc;
 
 pub use error::SessionError;
-pub use request::Request;
+pub use request::{Reach, Request};
 
 /// A camera within this share of the working distance of a given view has scanned from there.
 const SAME_PLACE: f64 = 2e-3;
@@ -270,6 +270,26 @@ impl Session {
                     Some(i) => self.given_views[i],
                     None => world_from_camera(view, &self.config.pose, &constraints.up()),
                 };
+                let mut objections = match scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
+                    true => vec![Objection::scanned()],
+                    false => {
+                        let least = overlap.map(|o| o - overlap::margin(num_scans));
+                        let mut objections = constraints.objections(view, least, &known);
+                        objections.extend(Objection::of_sensor(&self.config.sensor, ranked, predicts));
+                        objections.extend(unregistrable(
+                            view,
+                            &self.unregistered,
+                            least,
+                            registration.as_ref(),
+                            demand.as_ref().map(|(demand, _)| demand),
+                        ));
+                        objections
+                    }
+                };
+                if objections.is_empty() {
+                    let why_not = request.reach.as_ref().and_then(|reach| reach.why_not(&pose));
+                    objections.extend(why_not.map(Objection::out_of_reach));
+                }
                 Candidate {
                     rank: 0,
                     score: ranked.score - constraints.travel_cost(view, &known),
@@ -280,22 +300,7 @@ impl Session {
                     world_from_camera: Pose::from(&pose),
                     expected_gain: ranked.gain,
                     expected_overlap: overlap,
-                    objections: match scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
-                        true => vec![Objection::scanned()],
-                        false => {
-                            let least = overlap.map(|o| o - overlap::margin(num_scans));
-                            let mut objections = constraints.objections(view, least, &known);
-                            objections.extend(Objection::of_sensor(&self.config.sensor, ranked, predicts));
-                            objections.extend(unregistrable(
-                                view,
-                                &self.unregistered,
-                                least,
-                                registration.as_ref(),
-                                demand.as_ref().map(|(demand, _)| demand),
-                            ));
-                            objections
-                        }
-                    },
+                    objections,
                     given,
                     registration,
                 }

@@ -18,6 +18,7 @@ pub mod metrics;
 pub mod origin;
 pub mod pc_nbv;
 pub mod pc_nbv_data;
+pub mod program;
 pub mod schedule;
 pub mod task;
 pub mod trainer;

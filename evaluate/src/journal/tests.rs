@@ -68,3 +68,27 @@ fn every_flipped_bit_of_a_journal_is_noticed() {
     std::fs::write(&path, older).expect("writable");
     assert_eq!(read(dir.path()).expect("of an older program").episodes, whole);
 }
+
+#[test]
+fn what_was_tried_again_is_what_became_of_it_last() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let (journal, _) = Journal::open(dir.path(), "h1").expect("new");
+    let skipped = |episode: usize, reason: &str| {
+        let Entry::Episode { record, .. } = entry(episode) else { panic!("an episode") };
+        Entry::Skipped(Skipped { key: record.key, reason: reason.to_owned() })
+    };
+    for entry in
+        [skipped(0, "raised"), entry(1), skipped(2, "late"), entry(0), skipped(1, "raised"), skipped(2, "none")]
+    {
+        journal.append(&entry).expect("written");
+    }
+    let mut contents = read(dir.path()).expect("readable");
+    let run: Vec<usize> = contents.episodes.iter().map(|(r, _)| r.key.episode).collect();
+    assert_eq!(run, [0], "failed first, then run");
+    let left: Vec<_> = contents.skipped.iter().map(|s| (s.key.episode, s.reason.as_str())).collect();
+    assert_eq!(left, [(1, "raised"), (2, "none")], "run first, then failed; failed twice");
+    contents.forget_skipped("q");
+    assert_eq!(contents.skipped.len(), 2);
+    contents.forget_skipped("p");
+    assert_eq!((contents.skipped.len(), contents.forget("q"), contents.forget("p")), (0, 0, 1));
+}

@@ -98,6 +98,7 @@ pub fn weights_of(policy: &Policy, config: &EvaluateConfig, networks: &Networks)
         // Given views are not ranked by the network.
         Kind::Auto if config.dataset.name != DatasetName::Sequences => networks.benbv_net_digest(None),
         Kind::PcNbv { .. } => networks.pc_nbv_digest(),
+        Kind::Own(own) => own.version.clone(),
         _ => None,
     }
 }
@@ -184,6 +185,7 @@ pub fn make<'a>(policy: &Policy, context: &PolicyContext<'a>) -> Result<BoxedPla
             Box::new(RefinedPlanner::new(name, config.volumetric.clone(), source, replaced))
         }
         Kind::Random | Kind::RecordedOrder | Kind::AutoOn(_) => return Err(on_recordings_alone(policy)),
+        Kind::Own(own) => own.make(),
         Kind::Auto => {
             let session = SessionConfig { tolerance_m: config.episode.tolerance_m, ..SessionConfig::default() };
             let network = context.networks.of_auto().map_err(|source| unfit_weights(policy, source))?;

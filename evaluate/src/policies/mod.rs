@@ -4,6 +4,7 @@
 pub mod build;
 pub mod name;
 pub mod oracle;
+pub mod own;
 #[cfg(feature = "networks")]
 pub mod pc_nbv;
 pub mod random_boundary;
@@ -20,6 +21,7 @@ use planning::{Planner, RankedView, ScanState};
 
 pub use build::{PolicyContext, PolicyError, check, make, weights_of};
 pub use name::{NameError, PAPER_POLICIES, POLICIES, Policy, RECORDED_POLICIES};
+pub use own::Own;
 
 /// How much farther than the working distance the published sphere policies stand from the centre, metres.
 const PAPER_OFFSET: f64 = 0.3;

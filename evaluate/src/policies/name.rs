@@ -1,7 +1,7 @@
 //! The names of policies on the command line, in configuration files and in journals: `family`, or `family:variant`.
 
-use super::Radius;
 use super::recorded::EVIDENCE;
+use super::{Own, Radius};
 use datagen::EpisodeEvidence;
 use std::fmt;
 use std::path::PathBuf;
@@ -106,6 +106,8 @@ pub enum Kind {
     FarthestOnSphere(Radius),
     /// `farthest`, among this many candidates.
     FarthestAmong(usize),
+    /// A caller's own.
+    Own(Own),
     /// `oracle`.
     Oracle {
         /// The views that it chooses among.
@@ -172,6 +174,18 @@ pub enum NameError {
         /// A name much like it.
         suggestion: Option<String>,
     },
+    /// A policy of ours has this name.
+    #[error("{name:?} is the name of a policy that is there already: give your own another one")]
+    Taken {
+        /// As given.
+        name: String,
+    },
+    /// A name that tables cannot show.
+    #[error("{name:?} is no name of a policy: expected 1 to 60 letters, digits, '-', '_', '.' and ':'")]
+    Odd {
+        /// As given.
+        name: String,
+    },
     /// The part after the colon makes no sense.
     #[error("{policy:?}: found the variant {variant:?}, expected {expected}")]
     Variant {
@@ -196,6 +210,31 @@ const RADIUS: &str = "nothing, paper, or a radius in metres, e.g. 1.5";
 const REFINED: &str = "nothing, true, shifted or learned, or one of these with -gain or -overlap";
 
 impl Policy {
+    /// A caller's own policy, by a name that no other has.
+    ///
+    /// # Errors
+    /// The name of one of ours, or one that is none.
+    pub fn own(name: &str, own: Own) -> Result<Self, NameError> {
+        let odd = |c: char| !(c.is_alphanumeric() || "-_.:".contains(c));
+        if name.is_empty() || name.chars().count() > 60 || name.contains(odd) {
+            return Err(NameError::Odd { name: name.to_owned() });
+        }
+        match name.parse::<Self>() {
+            Err(NameError::Unknown { .. }) => Ok(Self { name: name.to_owned(), kind: Kind::Own(own) }),
+            _ => Err(NameError::Taken { name: name.to_owned() }),
+        }
+    }
+
+    /// Whether a caller brought it along.
+    pub fn is_own(&self) -> bool {
+        matches!(self.kind, Kind::Own(_))
+    }
+
+    /// Whether nobody knows that it decides as it did before: a caller's own without a version.
+    pub fn may_have_changed(&self) -> bool {
+        matches!(&self.kind, Kind::Own(own) if own.version.is_none())
+    }
+
     /// The name as it was written.
     pub fn name(&self) -> &str {
         &self.name

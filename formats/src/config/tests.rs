@@ -106,3 +106,14 @@ fn an_old_name_is_refused_with_the_new_one() {
     let error = load::<Other>(None, &["rate=0.1".to_owned()], &[]).expect_err("unknown").to_string();
     assert!(!error.contains("called"), "{error}");
 }
+
+#[test]
+fn json_is_laid_over_settings_table_by_table() {
+    let base = Config::default();
+    let over = |changes| overlaid(&base, changes, "config");
+    assert_eq!(over(serde_json::json!({})), Ok(Config::default()));
+    let wrong = |changes| over(changes).expect_err("refused");
+    let unknown = wrong(serde_json::json!({ "no_such_key": 1 }));
+    assert!(unknown.starts_with("config: unknown field `no_such_key`"), "{unknown}");
+    assert_eq!(wrong(serde_json::json!([1])), "config: expected an object of settings");
+}

@@ -233,7 +233,7 @@ fn next_view(open: &mut Open, request: NextRequest, patience: &Patience) -> Resu
         open.session.configure(config)?;
     }
     let budget = patience.budget(request.on_deadline);
-    Reply::of(&open.session.next_view_for(&Request { current_position_m, budget })?)
+    Reply::of(&open.session.next_view_for(&Request { current_position_m, budget, reach: None })?)
 }
 
 fn export(session: &Session) -> Result<Reply, Refusal> {

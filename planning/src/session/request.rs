@@ -1,6 +1,9 @@
 //! What is asked of a session.
 
 use crate::Budget;
+use nalgebra::Isometry3;
+use std::fmt;
+use std::sync::Arc;
 
 /// What one request says beside the settings.
 #[derive(Clone, Debug, Default)]
@@ -9,4 +12,27 @@ pub struct Request {
     pub current_position_m: Option<[f64; 3]>,
     /// How long it may take.
     pub budget: Budget,
+    /// What the arm can reach, where who asks knows.
+    pub reach: Option<Reach>,
+}
+
+/// Asked of each view that nothing else rules out: why the camera cannot go there, if it cannot.
+#[derive(Clone)]
+pub struct Reach(Arc<dyn Fn(&Isometry3<f64>) -> Option<String> + Send + Sync>);
+
+impl Reach {
+    /// As `why_not` says of a pose (`world_from_camera`).
+    pub fn new(why_not: impl Fn(&Isometry3<f64>) -> Option<String> + Send + Sync + 'static) -> Self {
+        Self(Arc::new(why_not))
+    }
+
+    pub(super) fn why_not(&self, pose: &Isometry3<f64>) -> Option<String> {
+        (self.0)(pose)
+    }
+}
+
+impl fmt::Debug for Reach {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Reach")
+    }
 }

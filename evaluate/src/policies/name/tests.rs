@@ -35,3 +35,20 @@ fn bad_names_are_refused_with_the_way_out() {
     assert!(message("volumetric:best").contains("learned") && message("volumetric:true-x").contains("learned"));
     assert!(message("oracle:60:x").contains("overlap"));
 }
+
+#[test]
+fn an_own_policy_has_a_name_that_no_other_has() {
+    let own = |version: Option<&str>| {
+        Own::new(version.map(str::to_owned), || Box::new(planning::VolumetricPlanner::new(Default::default())))
+    };
+    let mine = Policy::own("mine", own(None)).expect("a name");
+    assert!((mine.name(), mine.is_own(), mine.may_have_changed()) == ("mine", true, true));
+    assert!(!Policy::own("mine", own(Some("1"))).expect("a name").may_have_changed(), "it has a version");
+    assert!(!"benbv".parse::<Policy>().expect("ours").is_own());
+    for taken in ["benbv", "benbv:60", "oracle:sphere", "random-33:x"] {
+        assert_eq!(Policy::own(taken, own(None)), Err(NameError::Taken { name: taken.to_owned() }));
+    }
+    for odd in ["", "a b", "a|b", "a\nb"] {
+        assert_eq!(Policy::own(odd, own(None)), Err(NameError::Odd { name: odd.to_owned() }));
+    }
+}

@@ -34,6 +34,7 @@ fn ball(misses: Misses) -> ScanState {
         tolerance: 0.002,
         reach: 0.002,
         camera,
+        sensor: Default::default(),
         given_views: Default::default(),
         near: Default::default(),
         budget: Default::default(),

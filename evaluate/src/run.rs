@@ -1,0 +1,114 @@
+//! A whole run in its directory: the episodes that are missing, then the report on all of them.
+
+use crate::batches::{self, NothingRun, Watch};
+use crate::benchmark::BenchmarkError;
+use crate::config::EvaluateConfig;
+use crate::journal::{Contents, Journal, JournalError};
+use crate::networks::Networks;
+use crate::objects;
+use crate::policies::{Policy, weights_of};
+use crate::record::EpisodeKey;
+use crate::report::{self, tables::Rows};
+use datagen::dataset::DatasetError;
+use formats::lock::{LOCK, LockError, try_lock};
+use formats::run::RunDir;
+use formats::{ConfigError, FormatError};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// There are no such objects.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// Another process writes there.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// The journal cannot be used.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// The settings cannot be kept.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The directory cannot be used.
+    #[error(transparent)]
+    Directory(#[from] formats::run::RunError),
+    /// A policy cannot be made.
+    #[error(transparent)]
+    Benchmark(#[from] BenchmarkError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// Nothing could be run.
+    #[error(transparent)]
+    Nothing(#[from] NothingRun),
+}
+
+/// How a run ended.
+pub enum Ended {
+    /// It was stopped; the same call goes on.
+    Stopped {
+        /// Episodes that are done.
+        done: usize,
+        /// Episodes that are not.
+        left: usize,
+    },
+    /// All is done and reported.
+    Finished {
+        /// Rows of the tables.
+        rows: Box<Rows>,
+        /// What they were made of.
+        contents: Contents,
+    },
+}
+
+/// Runs what is missing of these policies and reports on all. The settings are known to be good ([`EvaluateConfig::validate`]),
+/// the policies too ([`crate::policies::check`]).
+///
+/// # Errors
+/// No objects, a directory in use or of other settings, nothing that could be run.
+pub fn run(
+    out: &Path,
+    policies: &[Policy],
+    config: &EvaluateConfig,
+    networks: &Networks,
+    stop: &AtomicBool,
+    watch: &impl Watch,
+) -> Result<Ended, ReportError> {
+    let names: Vec<String> = policies.iter().map(Policy::to_string).collect();
+    let sources = objects::list(config)?;
+    let _lock = try_lock(out, LOCK, "evaluate")?;
+    let (journal, mut contents) = Journal::open(out, &config.outcome_hash()?)?;
+    for policy in policies {
+        if policy.is_own() {
+            contents.forget_skipped(policy.name());
+        }
+        let outdated = if policy.may_have_changed() {
+            contents.forget(policy.name())
+        } else {
+            contents.forget_other_weights(policy.name(), weights_of(policy, config, networks).as_deref())
+        };
+        if outdated > 0 {
+            watch.outdated(policy.name(), outdated);
+        }
+    }
+    let mut directory = RunDir::create(out, "evaluate", built::COMMIT, config)?;
+    let total = sources.len() * policies.len() * config.episodes;
+    let wanted = |key: &EpisodeKey| names.contains(&key.policy) && key.episode < config.episodes;
+    watch.begun(total, contents.keys().iter().filter(|k| wanted(k)).count());
+    let outcome = batches::run(&sources, policies, config, networks, &journal, &mut contents, stop, watch)?;
+    if outcome.left > 0 {
+        directory.finish("stopped; the same command goes on")?;
+        return Ok(Ended::Stopped { done: contents.episodes.len(), left: outcome.left });
+    }
+    contents.episodes.retain(|(r, _)| wanted(&r.key));
+    contents.skipped.retain(|s| wanted(&s.key));
+    if let Err(nothing) = outcome.anything(&contents) {
+        directory.finish("nothing could be run")?;
+        return Err(nothing.into());
+    }
+    let rows = report::write(out, &contents, config, &names, &outcome.shown)?;
+    directory.finish("finished")?;
+    Ok(Ended::Finished { rows: Box::new(rows), contents })
+}

@@ -1,0 +1,206 @@
+//! The program `infer`: the next view for a real scan.
+
+use crate::args::Args;
+use crate::load::{self, Loaded};
+use crate::report::{ReportInput, report_html};
+use crate::service::{self, Service, ServiceConfig};
+use crate::{frustums, http, kept, lines, simulate, weights};
+use anyhow::{Context, Result, bail};
+use formats::Flag;
+use formats::program::{CommonArgs, finish, misuse, print, print_line, stop_when_asked};
+use nalgebra::Isometry3;
+use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// The program with this command line, its own name first.
+pub fn main(words: impl Iterator<Item = OsString>) -> ExitCode {
+    let args = Args::from_command_line(words).unwrap_or_else(|error| error.exit());
+    args.common.start_messages(["warn", "info", "debug"]);
+    finish(run(&args))
+}
+
+fn run(args: &Args) -> Result<ExitCode> {
+    args.common.start_threads()?;
+    let (limits, set) = ServiceConfig::load(args.service_config.as_deref(), &args.common.set)?;
+    if !args.serve && set.len() < args.common.set.len() {
+        bail!("--set service.KEY=VALUE: a setting of the service, which --serve starts");
+    }
+    let config = settings(args, set)?;
+    config.check()?;
+    if args.weights.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
+        misuse::<Args>("--weights does nothing for a planner other than auto and benbv-net");
+    }
+    let network = || weights::network(args.weights.as_deref()).map(Some);
+    if args.serve {
+        limits.check()?;
+        service::check(&config).map_err(|refusal| anyhow::anyhow!("{}", refusal.message))?;
+        let mut service = Service::new(config.clone(), network()?, limits);
+        if let Some(folder) = &args.state {
+            service = service.keeping_state(folder).with_context(|| format!("--state {}", folder.display()))?;
+        }
+        return serve(service, args).map(|()| ExitCode::SUCCESS);
+    }
+    if let Some(object) = &args.object {
+        return closed_loop(object, args, Session::new(config.clone(), network()?)?);
+    }
+    if let Some(folder) = &args.session {
+        let place = || format!("--session {}", folder.display());
+        let service = kept::service(&config, network()?, folder).with_context(place)?;
+        let entry = service.first().map_err(anyhow::Error::from).with_context(place)?;
+        let mut open = entry.open.blocking_lock();
+        kept::add(&service, &entry, &mut open, &config, args)?;
+        return answer(open.session(), args);
+    }
+    if args.scan.is_empty() && args.depth.is_empty() {
+        misuse::<Args>("nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve");
+    }
+    let mut session = Session::new(config.clone(), network()?)?;
+    add_scans(&mut session, args)?;
+    answer(&mut session, args)
+}
+
+/// The next view, printed and drawn.
+fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
+    if let Some(path) = &args.views_from {
+        session.set_given_views(load::poses(path)?);
+    }
+    let answer = session.next_view()?;
+    let poses: Vec<_> = session.state().scans.iter().map(|s| s.world_from_camera).collect();
+    write_files(args, &names(args), session, &answer, &poses, &[])?;
+    if args.json {
+        print_line(serde_json::to_string_pretty(&answer)?)?;
+    } else {
+        print(answer.to_text())?;
+    }
+    // 3: an answer was given, and it is that no view is left.
+    Ok(if answer.next.is_some() { ExitCode::SUCCESS } else { ExitCode::from(3) })
+}
+
+/// Of the scans given, for a report's title.
+fn names(args: &Args) -> String {
+    let folder = args.session.iter().filter(|_| args.scan.is_empty() && args.depth.is_empty());
+    let name = |path: &std::path::PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    args.scan.iter().chain(&args.depth).chain(folder).map(name).collect::<Vec<_>>().join(", ")
+}
+
+/// Defaults, then the file, then these of --set, then flags.
+fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
+    let (fixed, range) = match args.distance {
+        Some((low, high)) if low == high => (Some(low), None),
+        Some((low, high)) => (None, Some(toml::Value::from(vec![low, high]))),
+        None => (None, None),
+    };
+    let misses = args.misses.map(toml::Value::try_from).transpose()?;
+    let register = args.register.map(toml::Value::try_from).transpose()?;
+    let flags = [
+        Flag::given("--distance", "working_distance_m", fixed),
+        Flag::given("--distance", "working_distance_range_m", range),
+        Flag::given("--planner", "planner", args.planner.map(|p| p.as_str())),
+        Flag::given("--stop-below", "stop_below", args.stop_below),
+        Flag::given("--misses", "misses", misses),
+        Flag::given("--register", "registration.register", register),
+        Flag::given("--pose-error", "registration.pose_error_m", args.pose_error.map(|[m, _]| m)),
+        Flag::given("--pose-error", "registration.pose_error_deg", args.pose_error.map(|[_, deg]| deg)),
+    ];
+    let mut config: SessionConfig = CommonArgs { set, ..args.common.clone() }.settings(flags)?;
+    if fixed.is_some() {
+        config.working_distance_range_m = None;
+    }
+    Ok(config)
+}
+
+/// Adds all scans.
+fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
+    let (of_clouds, of_images) = args.cameras()?;
+    for (i, path) in args.scan.iter().enumerate() {
+        let loaded = match of_clouds.get(i) {
+            Some(pose) => load::cloud_from(path, args.unit, pose)?,
+            None => load::cloud(path, args.unit, args.from.get(i).copied())?,
+        };
+        add(session, path, loaded)?;
+    }
+    let misses = session.config().misses;
+    for (path, pose) in args.depth.iter().zip(of_images) {
+        add(session, path, load::depth(path, args.depth_unit, pose, args.intrinsics, misses)?)?;
+    }
+    Ok(())
+}
+
+fn add(session: &mut Session, path: &Path, Loaded { scan, mut reading }: Loaded) -> Result<()> {
+    reading.notes.iter_mut().for_each(|note| *note = format!("{}: {note}", path.display()));
+    let report =
+        session.add_scan_within(scan, reading, &Budget::default()).with_context(|| path.display().to_string())?;
+    tracing::info!("{}: {}", path.display(), report.describe());
+    Ok(())
+}
+
+fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> {
+    let mut failed = None;
+    let show = |step: &simulate::Step| {
+        let line = if args.json { serde_json::to_string(step).unwrap_or_default() } else { step_line(step) };
+        failed = failed.take().or(print_line(line).err());
+    };
+    let outcome = simulate::run(object, args, session, show)?;
+    if let Some(error) = failed {
+        return Err(error.into());
+    }
+    let coverage: Vec<f64> = outcome.steps.iter().map(|s| s.coverage).collect();
+    if !args.json {
+        print_line(format_args!("ended: {}", outcome.ended))?;
+    }
+    write_files(args, object, &outcome.session, &outcome.last, &outcome.poses, &coverage)?;
+    if let Some(directory) = &args.export_scans {
+        let camera = outcome.session.config().camera.camera();
+        let commands = simulate::export_scans(directory, object, &outcome, &camera)?;
+        print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn step_line(step: &simulate::Step) -> String {
+    let percent = |share: Option<f64>| share.map_or("    -".to_owned(), |s| format!("{:5.1}", 100.0 * s));
+    format!(
+        "view {:2}  coverage {:5.1} %  gain {} % (expected {})  overlap {} %  {}",
+        step.views,
+        100.0 * step.coverage,
+        percent(Some(step.gain)),
+        percent(step.expected_gain),
+        percent(step.overlap),
+        step.planner.as_deref().unwrap_or("first view")
+    )
+}
+
+fn write_files(
+    args: &Args,
+    title: &str,
+    session: &Session,
+    answer: &Answer,
+    past: &[Isometry3<f64>],
+    coverage: &[f64],
+) -> Result<()> {
+    if let Some(path) = &args.ply {
+        frustums::write(path, session, answer)?;
+    }
+    if let Some(path) = &args.report {
+        let input = ReportInput { title, session, past, coverage };
+        formats::run::atomic_write(path, report_html(answer, &input).as_bytes())?;
+    }
+    Ok(())
+}
+
+fn serve(service: Service, args: &Args) -> Result<()> {
+    let stop = stop_when_asked("stopping: what runs is answered first; again ends it at once")?;
+    match args.http {
+        Some(address) => http::serve(service, address, stop, |bound| {
+            // A line for the program that started this one; port 0 is known now.
+            let _ = print_line(format_args!("listening on http://{bound}"));
+        })
+        .with_context(|| format!("--http {address}")),
+        None => {
+            let input = std::io::BufReader::new(std::io::stdin());
+            lines::serve(&service, input, std::io::stdout().lock(), stop).context("stdin and stdout")
+        }
+    }
+}

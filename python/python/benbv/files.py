@@ -1,0 +1,53 @@
+"""Clouds, depth images, meshes and poses from files; `docs/formats.md` says which."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _benbv
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A cloud as its file holds it, in the file's unit and frame."""
+
+    points: NDArray[np.float64]
+    """(N, 3)."""
+    normals: NDArray[np.float64] | None
+    """(N, 3), zero where the file gives none; None where it gives none at all."""
+    metres_per_unit: float | None
+    """The unit that the file names, if it does."""
+    notes: tuple[str, ...]
+    """What was guessed in reading, and what was left out."""
+
+
+def read_cloud(path: str | PathLike[str]) -> Cloud:
+    """Reads PLY, PCD, XYZ, TXT, CSV or NPY. Points without a position are left out."""
+    points, normals, unit, notes = _benbv.read_cloud(path)
+    return Cloud(points, normals, unit, tuple(notes))
+
+
+def read_depth(path: str | PathLike[str], metres_per_unit: float | None = None) -> NDArray[np.float32]:
+    """Reads a depth image, PNG (16-bit grey) or NPY: (height, width) in metres, 0 where a pixel has no return.
+
+    Without `metres_per_unit` integers are millimetres and floats metres; what is odd about them is a warning.
+    """
+    image, notes = _benbv.read_depth(path, metres_per_unit)
+    for note in notes:
+        warnings.warn(f"{path}: {note}", stacklevel=2)
+    return image
+
+
+def read_mesh(path: str | PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
+    """Reads OFF, OBJ, PLY or STL: vertices (N, 3) in the file's unit, and faces (M, 3), indices of vertices."""
+    return _benbv.read_mesh(path)
+
+
+def read_poses(path: str | PathLike[str]) -> list[NDArray[np.float64]]:
+    """Reads poses of cameras in any format of `docs/formats.md`: (4, 4) `world_from_camera` each."""
+    return _benbv.read_poses(path)

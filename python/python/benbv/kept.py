@@ -1,0 +1,74 @@
+"""Sessions in files: a `.npz` of the scans as they came, with the settings that each came under."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class KeptScan:
+    """A scan as it was asked for."""
+
+    kind: str
+    arrays: dict[str, NDArray[Any]]
+    words: dict[str, Any]
+    config: dict[str, Any]
+
+    @classmethod
+    def of(cls, kind: str, arrays: Mapping[str, ArrayLike | None], words: dict[str, Any], config: dict[str, Any]) -> KeptScan:
+        """With arrays of its own: those of the caller may change."""
+        own = {name: np.array(value) for name, value in arrays.items() if value is not None}
+        return cls(kind, own, words, config)
+
+
+def save(path: str | PathLike[str], config: dict[str, Any], given: list[NDArray[Any]], scans: list[KeptScan]) -> None:
+    """Writes the file whole or not at all."""
+    told = [{"kind": s.kind, "words": s.words, "config": s.config, "arrays": list(s.arrays)} for s in scans]
+    text = json.dumps({"version": VERSION, "config": config, "scans": told})
+    members: dict[str, Any] = {"session": np.frombuffer(text.encode(), np.uint8), "given": np.array(given).reshape(-1, 4, 4)}
+    for i, scan in enumerate(scans):
+        members.update({f"{i}.{name}": array for name, array in scan.arrays.items()})
+    path = Path(path)
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:100]}.", suffix=".tmp", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, **members)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def load(path: str | PathLike[str]) -> tuple[dict[str, Any], list[NDArray[Any]], list[KeptScan]]:
+    """Settings, given views and scans."""
+    try:
+        with np.load(path, allow_pickle=False) as members:
+            told = json.loads(members["session"].tobytes())
+            if told["version"] != VERSION:
+                raise ValueError(f"version {told['version']}, expected {VERSION}")
+            return told["config"], list(members["given"]), list(_scans(told["scans"], members))
+    except OSError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{os.fspath(path)}: no session that was saved here, or damaged: {error}") from None
+
+
+def _scans(told: list[dict[str, Any]], members: Any) -> Iterator[KeptScan]:
+    for i, scan in enumerate(told):
+        arrays = {name: members[f"{i}.{name}"] for name in scan["arrays"]}
+        yield KeptScan(scan["kind"], arrays, scan["words"], scan["config"])

@@ -1,0 +1,215 @@
+"""Planning: scans in, the next view out."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _benbv, kept
+from .view import View
+
+Config = Mapping[str, Any] | str | PathLike[str] | None
+"""Settings: a mapping as in `configs/infer.toml`, or the path of such a file."""
+
+
+def plain(value: Any) -> Any:
+    """What `json` does not know of numpy."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, PathLike):
+        return str(value)
+    raise TypeError(f"config: {value!r} is no setting")
+
+
+def split(config: Config) -> tuple[str | PathLike[str] | None, dict[str, Any]]:
+    """The file and the changes."""
+    if config is None or isinstance(config, Mapping):
+        return None, dict(config or {})
+    return config, {}
+
+
+@dataclass(frozen=True)
+class ScanReport:
+    """What became of a scan."""
+
+    scans: int
+    """Scans of the session now."""
+    points: dict[str, Any]
+    """Points read, used, and left out for each reason."""
+    notes: tuple[str, ...]
+    """What was guessed in reading, and what was left out."""
+
+
+class Session:
+    """The scans of one object so far. Threads may share it; one works on it at a time, and the interpreter is free meanwhile.
+
+    `working_distance_m` is the distance from target to camera; `config` holds any settings of `configs/infer.toml`, as a
+    mapping (`{"constraints": {"floor_height_m": 0.0}}`) or as the path of such a file; `weights` is the directory of a
+    checkpoint for `benbv-net` in place of the weights that come along.
+    """
+
+    def __init__(
+        self,
+        working_distance_m: float | None = None,
+        config: Config = None,
+        *,
+        weights: str | PathLike[str] | None = None,
+    ) -> None:
+        file, changes = split(config)
+        if working_distance_m is not None:
+            changes["working_distance_m"] = working_distance_m
+        self._native = _benbv.Session(file, json.dumps(changes, default=plain), weights)
+        self._kept: list[kept.KeptScan] = []
+        self._given: list[NDArray[Any]] = []
+        self._lock = threading.Lock()
+
+    def _add(self, kind: str, arrays: Mapping[str, Any], words: dict[str, Any]) -> ScanReport:
+        """Adds a scan and keeps it as it came."""
+        a, native = arrays, self._native
+        with self._lock:
+            if kind == "depth":
+                text = native.add_depth(
+                    a["depth"], a["intrinsics"], a["world_from_camera"], words["misses"], words["metres_per_unit"]
+                )
+            elif kind == "points":
+                text = native.add_points(a["points"], a.get("origin"), a.get("world_from_camera"), a.get("normals"))
+            else:
+                text = native.add_bytes(words["name"], a["raw"].tobytes(), a.get("origin"), words["millimetres"])
+            # Not before it is known to be one, of a size that can be kept.
+            self._kept.append(kept.KeptScan.of(kind, arrays, words, self.config))
+        raw = json.loads(text)
+        return ScanReport(raw["scans"], raw["report"], tuple(raw["notes"]))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes the session to a file (`.npz`), whole or not at all: scans as they came, settings, given views."""
+        with self._lock:
+            kept.save(path, self.config, self._given, self._kept)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], *, weights: str | PathLike[str] | None = None) -> Session:
+        """A session as it was saved; it answers as the one that was."""
+        config, given, scans = kept.load(path)
+        session = cls(weights=weights)
+        for scan in scans:
+            session.configure(**scan.config)
+            session._add(scan.kind, scan.arrays, scan.words)
+        session.configure(**config)
+        session.set_given_views(given)
+        return session
+
+    def add_depth(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        world_from_camera: ArrayLike,
+        *,
+        misses: str | None = None,
+        metres_per_unit: float | None = None,
+    ) -> ScanReport:
+        """Adds a depth image.
+
+        `depth` is (height, width); floats are metres and integers millimetres unless `metres_per_unit` says otherwise. 0, NaN
+        and the largest integer of the type stand for no return. `intrinsics` is (3, 3), or fx, fy, cx, cy, in pixels; pixel
+        (column, row) is sampled at its integer coordinate. `misses`: whether a pixel without a return is `"free"` space or
+        `"unknown"`; by default as the settings say.
+        """
+        return self._add(
+            "depth",
+            {"depth": depth, "intrinsics": intrinsics, "world_from_camera": world_from_camera},
+            {"misses": misses, "metres_per_unit": metres_per_unit},
+        )
+
+    def add_points(
+        self,
+        points: ArrayLike,
+        *,
+        origin: ArrayLike | None = None,
+        world_from_camera: ArrayLike | None = None,
+        normals: ArrayLike | None = None,
+    ) -> ScanReport:
+        """Adds a cloud: `points` (N, 3) in the world frame, metres; NaN for no return.
+
+        Where the camera was is told by `origin`, its position (3,), or by `world_from_camera`, its pose; without either it is
+        estimated. `normals` (N, 3) of any length; zero where one is not known.
+        """
+        camera = {"origin": origin, "world_from_camera": world_from_camera}
+        return self._add("points", {"points": points, **camera, "normals": normals}, {})
+
+    def add_file(
+        self, path: str | PathLike[str], *, origin: ArrayLike | None = None, unit: str | None = None
+    ) -> ScanReport:
+        """Adds the cloud in a file, as `infer --scan` does: an organised one becomes the depth image that its pixels prove.
+
+        `unit` (`"m"` or `"mm"`) is that of the cloud and of `origin`; by default the one that the file names, or metres.
+        """
+        if unit not in (None, "m", "mm"):
+            raise ValueError(f"unit: {unit!r}, expected 'm' or 'mm'")
+        raw = np.frombuffer(_benbv.read_file(path), np.uint8)
+        millimetres = None if unit is None else unit == "mm"
+        return self._add("file", {"raw": raw, "origin": origin}, {"name": os.fspath(path), "millimetres": millimetres})
+
+    def set_given_views(self, poses: Sequence[ArrayLike]) -> None:
+        """Chooses from these poses, (4, 4) `world_from_camera` each, alone from now on: turntable stops, taught poses.
+
+        None given: views at the boundary of the cloud again.
+        """
+        given = [np.array(pose) for pose in poses]
+        with self._lock:
+            self._native.set_given_views(given)
+            self._given = given
+
+    def next_view(
+        self,
+        *,
+        position: ArrayLike | None = None,
+        reachable: Callable[[NDArray[np.float64]], bool | str | None] | None = None,
+    ) -> View:
+        """The next view. `position` (3,) is where the camera is now, for limits and cost of travel.
+
+        `reachable` is asked of the pose (4, 4) of each candidate that nothing else rules out: True (or None) where the arm gets
+        there, False or the reason where not. What it raises is raised here. It must not ask this session for anything.
+
+        Raises `PlanError` where there is no scan, or the planner cannot work on what is known.
+        """
+        answer, none = self._native.next_view(position, reachable)
+        return View(json.loads(answer), none)
+
+    def configure(self, **changes: Any) -> None:
+        """Changes settings; the scans stay. One out of range raises `ValueError`, and the old ones stay."""
+        self._native.configure(json.dumps(changes, default=plain))
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The settings, as in `configs/infer.toml`."""
+        config: dict[str, Any] = json.loads(self._native.config())
+        return config
+
+    def undo(self) -> bool:
+        """Takes the last scan back; False if there is none."""
+        with self._lock:
+            had_one = self._native.undo()
+            del self._kept[self._native.num_scans() :]
+        return had_one
+
+    def reset(self) -> None:
+        """Forgets all scans."""
+        with self._lock:
+            self._native.reset()
+            self._kept.clear()
+
+    def __len__(self) -> int:
+        """Number of scans."""
+        return self._native.num_scans()
+
+    def cloud(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The cloud that is planned on: points (N, 3) and their normals towards the cameras (N, 3)."""
+        return self._native.cloud()
+

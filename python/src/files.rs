@@ -1,0 +1,59 @@
+//! Clouds, depth images and meshes from files.
+
+use crate::arrays;
+use crate::fault::{Fault, detached};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use std::borrow::Cow;
+use std::path::PathBuf;
+
+/// A cloud as its file holds it: points, normals or None, what there is to say of how it was read.
+#[pyfunction]
+#[allow(clippy::type_complexity, reason = "a tuple for Python to name")]
+pub fn read_cloud<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>, Option<f64>, Vec<String>)> {
+    let file = detached(py, || Ok(formats::read_cloud(&path)?))?;
+    let normals = file.cloud.has_normals().then(|| arrays::of_vectors(py, file.cloud.normals)).transpose()?;
+    Ok((arrays::of_points(py, file.cloud.points)?, normals, file.metres_per_unit, file.notes))
+}
+
+/// What is in a regular file.
+#[pyfunction]
+pub fn read_file(py: Python<'_>, path: PathBuf) -> PyResult<Cow<'static, [u8]>> {
+    detached(py, || Ok(Cow::Owned(formats::file::read(&path)?)))
+}
+
+/// A depth image in metres, and what there is to say of how it was read.
+#[pyfunction]
+#[pyo3(signature = (path, metres_per_unit=None))]
+pub fn read_depth<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    metres_per_unit: Option<f64>,
+) -> PyResult<(Bound<'py, PyArray2<f32>>, Vec<String>)> {
+    let file = detached(py, || Ok(formats::depth::read_depth(&path, metres_per_unit)?))?;
+    let [width, height] = file.image.size.map(|side| side as usize);
+    Ok((PyArray1::from_vec(py, file.image.depth).reshape([height, width])?, file.notes))
+}
+
+/// Vertices and triangles.
+#[pyfunction]
+#[allow(clippy::type_complexity, reason = "a tuple for Python to name")]
+pub fn read_mesh<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>)> {
+    let mesh = detached(py, || Ok(formats::read_mesh(&path)?))?;
+    let count = mesh.triangles.len();
+    let faces = PyArray1::from_vec(py, mesh.triangles.into_flattened()).reshape([count, 3])?;
+    Ok((arrays::of_points(py, mesh.vertices)?, faces))
+}
+
+/// The poses in a file of any of the formats of docs/formats.md.
+#[pyfunction]
+pub fn read_poses(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Bound<'_, PyArray2<f64>>>> {
+    let poses = detached(py, || infer::load::poses(&path).map_err(Fault::from))?;
+    poses.iter().map(|pose| arrays::of_pose(py, pose)).collect()
+}

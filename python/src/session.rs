@@ -1,0 +1,254 @@
+//! The session of a robot, for Python.
+
+use crate::arrays;
+use crate::fault::{Fault, guarded, internal};
+use formats::config::{load, overlaid};
+use geometry::PointCloud;
+use infer::load::Loaded;
+use nalgebra::{Isometry3, Point3};
+use numpy::PyArray2;
+use planning::session::{Reach, Request};
+use planning::{Budget, Misses, Reading, Scan, SessionConfig};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::ThreadId;
+
+/// A planning session. Threads may share it; one works on it at a time.
+#[pyclass(frozen, name = "Session", module = "benbv._benbv")]
+pub struct RobotSession {
+    session: Mutex<planning::Session>,
+    /// The thread that works on it.
+    owner: Mutex<Option<ThreadId>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Settings: defaults, then a file, then changes as JSON.
+pub fn settings(file: Option<&Path>, changes: &str) -> Result<SessionConfig, Fault> {
+    let base: SessionConfig = load(file, &[], &[]).map_err(anyhow::Error::from)?;
+    let changes = serde_json::from_str(changes).map_err(|e| Fault::Value(format!("config: {e}")))?;
+    overlaid(&base, changes, "config").map_err(Fault::Value)
+}
+
+fn misses(text: Option<&str>, usual: Misses) -> Result<Misses, Fault> {
+    match text {
+        None => Ok(usual),
+        Some("free") => Ok(Misses::Free),
+        Some("unknown") => Ok(Misses::Unknown),
+        Some(other) => Err(Fault::Value(format!("misses: {other:?}, expected \"free\" or \"unknown\""))),
+    }
+}
+
+/// Asks Python whether a pose can be reached. What that raises is kept, and nothing is asked any more.
+fn asking(check: Py<PyAny>, raised: Arc<Mutex<Option<PyErr>>>) -> Reach {
+    Reach::new(move |pose| {
+        if lock(&raised).is_some() {
+            return None;
+        }
+        let asked = Python::attach(|py| {
+            let answer = check.bind(py).call1((arrays::of_pose(py, pose)?,))?;
+            if answer.is_none() {
+                return Ok(None);
+            }
+            match answer.extract::<bool>() {
+                Ok(true) => Ok(None),
+                Ok(false) => Ok(Some("not reachable".to_owned())),
+                Err(_) => answer.extract::<String>().map(Some).map_err(|_| {
+                    let kind = answer.get_type();
+                    PyTypeError::new_err(format!("reachable returned a {kind}, expected True, False or the reason"))
+                }),
+            }
+        });
+        asked.unwrap_or_else(|error| {
+            *lock(&raised) = Some(error);
+            None
+        })
+    })
+}
+
+impl RobotSession {
+    /// Lets `work` have the session, other threads the interpreter. Where it panics, the session is as it was.
+    pub fn work<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut planning::Session) -> Result<T, Fault> + Send,
+    ) -> PyResult<T> {
+        let me = std::thread::current().id();
+        py.detach(|| {
+            if *lock(&self.owner) == Some(me) {
+                let message = "a session was asked for something by what it was itself waiting for (`reachable`)";
+                return Err(Fault::Plan(message.to_owned()));
+            }
+            let mut session = lock(&self.session);
+            *lock(&self.owner) = Some(me);
+            let scans = session.num_scans();
+            let mut broke = true;
+            let done = guarded(|| {
+                let done = work(&mut session);
+                broke = false;
+                done
+            });
+            if broke && guarded(|| Ok(session.restore(scans))).is_err() {
+                session.reset();
+            }
+            *lock(&self.owner) = None;
+            if broke { Err(internal()) } else { done }
+        })
+        .map_err(PyErr::from)
+    }
+
+    fn add(&self, py: Python<'_>, Loaded { scan, reading }: Loaded) -> PyResult<String> {
+        self.work(py, |session| {
+            let notes = reading.notes.clone();
+            let report = session.add_scan_within(scan, reading, &Budget::default())?;
+            Ok(json!({ "scans": session.num_scans(), "report": report, "notes": notes }).to_string())
+        })
+    }
+}
+
+#[pymethods]
+impl RobotSession {
+    #[new]
+    #[pyo3(signature = (config_file, config, weights))]
+    fn new(py: Python<'_>, config_file: Option<PathBuf>, config: &str, weights: Option<PathBuf>) -> PyResult<Self> {
+        let session = crate::fault::detached(py, || {
+            let config = settings(config_file.as_deref(), config)?;
+            Ok(planning::Session::new(config, Some(infer::weights::network(weights.as_deref())?))?)
+        })?;
+        Ok(Self { session: Mutex::new(session), owner: Mutex::default() })
+    }
+
+    #[pyo3(signature = (depth, intrinsics, world_from_camera, misses, metres_per_unit))]
+    fn add_depth(
+        &self,
+        py: Python<'_>,
+        depth: &Bound<'_, PyAny>,
+        intrinsics: &Bound<'_, PyAny>,
+        world_from_camera: &Bound<'_, PyAny>,
+        misses: Option<&str>,
+        metres_per_unit: Option<f64>,
+    ) -> PyResult<String> {
+        let pose = arrays::pose("world_from_camera", world_from_camera)?;
+        let intrinsics = arrays::intrinsics("intrinsics", intrinsics)?;
+        let file = arrays::depth(depth, metres_per_unit)?;
+        let usual = self.work(py, |session| Ok(session.config().misses))?;
+        let misses = self::misses(misses, usual)?;
+        let loaded = infer::load::from_depth_file(file, intrinsics, pose, misses).map_err(Fault::from)?;
+        self.add(py, loaded)
+    }
+
+    #[pyo3(signature = (points, origin, world_from_camera, normals))]
+    fn add_points(
+        &self,
+        py: Python<'_>,
+        points: &Bound<'_, PyAny>,
+        origin: Option<&Bound<'_, PyAny>>,
+        world_from_camera: Option<&Bound<'_, PyAny>>,
+        normals: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<String> {
+        let points = arrays::points("points", points)?;
+        let normals = normals.map(|n| arrays::vectors("normals", n)).transpose()?.unwrap_or_default();
+        if !normals.is_empty() && normals.len() != points.len() {
+            return Err(Fault::Value(format!("normals: {} for {} points", normals.len(), points.len())).into());
+        }
+        let from = match (origin, world_from_camera) {
+            (Some(_), Some(_)) => {
+                let message = "give origin or world_from_camera: both tell where the camera was";
+                return Err(Fault::Value(message.to_owned()).into());
+            }
+            (Some(origin), None) => Some(arrays::position("origin", origin)?),
+            (None, Some(pose)) => {
+                let pose = arrays::pose("world_from_camera", pose)?;
+                let ahead = infer::load::check_ahead(&points, &pose);
+                ahead.map_err(|e| Fault::Value(format!("world_from_camera: {e}")))?;
+                Some(Point3::from(pose.translation.vector))
+            }
+            (None, None) => None,
+        };
+        let scan = Scan::Cloud { cloud: PointCloud { points, normals }, from };
+        self.add(py, Loaded { scan, reading: Reading { notes: Vec::new(), metres_per_unit: Some(1.0) } })
+    }
+
+    /// A cloud in the bytes of a file; the ending of its name tells the format.
+    #[pyo3(signature = (name, content, origin, millimetres))]
+    fn add_bytes(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        content: &[u8],
+        origin: Option<&Bound<'_, PyAny>>,
+        millimetres: Option<bool>,
+    ) -> PyResult<String> {
+        let unit = millimetres.map(|mm| if mm { infer::Unit::Mm } else { infer::Unit::M });
+        let origin = origin.map(|o| arrays::position("origin", o)).transpose()?.map(|p| p.coords.into());
+        let loaded = crate::fault::detached(py, || Ok(infer::load::cloud_bytes(name, content, unit, origin)?))?;
+        self.add(py, loaded)
+    }
+
+    fn set_given_views(&self, py: Python<'_>, poses: Vec<Bound<'_, PyAny>>) -> PyResult<()> {
+        let pose = |(i, pose): (usize, &Bound<'_, PyAny>)| arrays::pose(&format!("poses[{i}]"), pose);
+        let poses: Vec<Isometry3<f64>> = poses.iter().enumerate().map(pose).collect::<PyResult<_>>()?;
+        self.work(py, |session| Ok(session.set_given_views(poses)))
+    }
+
+    /// The answer, and why there is no view where there is none.
+    #[pyo3(signature = (position, reachable))]
+    fn next_view(
+        &self,
+        py: Python<'_>,
+        position: Option<&Bound<'_, PyAny>>,
+        reachable: Option<Py<PyAny>>,
+    ) -> PyResult<(String, Option<String>)> {
+        let position = position.map(|p| arrays::position("position", p)).transpose()?;
+        let raised = Arc::new(Mutex::new(None));
+        let reach = reachable.map(|check| asking(check, Arc::clone(&raised)));
+        let current_position_m = position.map(|p| p.coords.into());
+        let request = Request { current_position_m, reach, ..Request::default() };
+        self.work(py, |session| {
+            let answer = session.next_view_for(&request)?;
+            match lock(&raised).take() {
+                Some(error) => Err(Fault::Raised(error)),
+                None => Ok((as_json(&answer)?, answer.next.is_none().then(|| answer.no_view_reason()))),
+            }
+        })
+    }
+
+    fn configure(&self, py: Python<'_>, changes: &str) -> PyResult<()> {
+        self.work(py, |session| {
+            let changes = serde_json::from_str(changes).map_err(|e| Fault::Value(format!("config: {e}")))?;
+            let config = overlaid(session.config(), changes, "config").map_err(Fault::Value)?;
+            Ok(session.configure(config)?)
+        })
+    }
+
+    fn config(&self, py: Python<'_>) -> PyResult<String> {
+        self.work(py, |session| as_json(session.config()))
+    }
+
+    fn undo(&self, py: Python<'_>) -> PyResult<bool> {
+        self.work(py, |session| Ok(session.undo()))
+    }
+
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        self.work(py, |session| Ok(session.reset()))
+    }
+
+    fn num_scans(&self, py: Python<'_>) -> PyResult<usize> {
+        self.work(py, |session| Ok(session.num_scans()))
+    }
+
+    fn cloud<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let cloud = self.work(py, |session| Ok(session.cloud().clone()))?;
+        Ok((arrays::of_points(py, cloud.points)?, arrays::of_vectors(py, cloud.normals)?))
+    }
+}
+
+/// For Python's `json`, which reads every number as it was.
+pub fn as_json(value: &impl serde::Serialize) -> Result<String, Fault> {
+    serde_json::to_string(value).map_err(|e| Fault::Plan(format!("the answer cannot be written: {e}")))
+}

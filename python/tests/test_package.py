@@ -1,0 +1,65 @@
+"""The package as a whole: what it says of itself, its stubs, its programs."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, program
+
+import benbv
+from benbv import _benbv
+
+
+def test_the_stubs_name_what_there_is():
+    tree = ast.parse(Path(inspect.getfile(benbv)).with_name("_benbv.pyi").read_text())
+    told = {}
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef):
+            told[node.name] = None
+        elif isinstance(node, ast.ClassDef):
+            told[node.name] = {m.name for m in node.body if isinstance(m, ast.FunctionDef)} - {"__new__", "__len__"}
+        elif isinstance(node, ast.AnnAssign):
+            told[node.target.id] = None
+    there = {name for name in dir(_benbv) if not name.startswith("_")}
+    assert there == set(told)
+    for name, methods in told.items():
+        if methods is not None and name != "PlanError":
+            assert {m for m in dir(getattr(_benbv, name)) if not m.startswith("_")} == methods, name
+
+
+def test_everything_public_has_help():
+    for name in benbv.__all__:
+        thing = getattr(benbv, name)
+        assert name == "Sample" or (inspect.getdoc(thing) or "").strip(), name
+    for cls in (benbv.Session, benbv.Episode, benbv.View, benbv.State, benbv.Scene, benbv.Candidate):
+        for name, member in inspect.getmembers(cls):
+            if not name.startswith("_") and (callable(member) or inspect.isdatadescriptor(member)):
+                assert (inspect.getdoc(member) or "").strip(), f"{cls.__name__}.{name}"
+
+
+def test_importing_loads_nothing_heavy():
+    code = "import sys, benbv; print(*[m for m in ('torch', 'gymnasium', 'matplotlib') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_programs_are_installed_with_the_package(tmp_path):
+    script = Path(sys.executable).with_name("benbv-infer")
+    if not script.exists():
+        pytest.skip("not installed from a wheel")
+
+    def run(*words):
+        return subprocess.run([script, *words], capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    scan = ROOT / "samples/scan1.ply"
+    assert run("--scan", scan, "--json").stdout == program("infer", "--scan", scan, "--json")
+    assert run("--scan", "nowhere.ply").returncode == 1
+    wrong = run("--scn")
+    assert wrong.returncode == 2 and "--scan" in wrong.stderr
+    for name in ("datagen", "train", "evaluate"):
+        words = [script.with_name(f"benbv-{name}"), "--version"]
+        done = subprocess.run(words, capture_output=True, text=True, check=True)
+        assert done.stdout.startswith(f"{name} 0.1.0")
