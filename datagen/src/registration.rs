@@ -116,6 +116,8 @@ pub struct ViewRegistration {
     pub given_m: f64,
     /// The same as registered; absent where the scan was not merged.
     pub left_m: Option<f64>,
+    /// Whether that is more than the tolerance.
+    pub failed: bool,
     /// Why it was not merged.
     pub refused: Option<Refused>,
     /// Share of the scan that overlaps what was merged before with like normals, all in its true place.
@@ -196,6 +198,7 @@ impl Placed {
         self.views.push(ViewRegistration {
             given_m: (squared / shot.points.len().max(1) as f64).sqrt(),
             left_m: None,
+            failed: false,
             refused: shot.points.is_empty().then_some(Refused::Empty),
             like_overlap: found.like_normals,
             lambda: found.lambda,
@@ -220,7 +223,8 @@ impl Placed {
         let count = registered.len();
         self.merge(registered, grid_size, tolerance);
         if let Some(view) = self.views.last_mut() {
-            view.left_m = Some(((self.squared - before) / count.max(1) as f64).sqrt());
+            let left = ((self.squared - before) / count.max(1) as f64).sqrt();
+            (view.left_m, view.failed) = (Some(left), left > tolerance);
         }
     }
 

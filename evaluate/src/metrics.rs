@@ -23,6 +23,16 @@ pub enum Figure {
     Hausdorff,
     /// Coverage after the first scan, percent.
     FirstCoverage,
+    /// Coverage after so many next views, percent.
+    CoverageAfter(u8),
+    /// 100 where one of so many next views was merged and is off by more than the tolerance, else 0.
+    FailedIn(u8),
+    /// Next views whose scans could not be registered.
+    RefusedViews,
+    /// Root mean square of how far the merged points are off, millimetres.
+    Left,
+    /// Share of merged points that are off by more than the tolerance, percent.
+    Off,
 }
 
 impl Figure {
@@ -39,6 +49,17 @@ impl Figure {
             Figure::Chamfer => Some(1e3 * record.chamfer_m),
             Figure::Hausdorff => Some(1e3 * record.hausdorff_m),
             Figure::FirstCoverage => record.coverages.first().map(|c| 100.0 * c),
+            Figure::CoverageAfter(n) => Some(100.0 * record.coverage_after(usize::from(n))),
+            Figure::FailedIn(n) => {
+                let outcome = record.registration.as_ref()?;
+                let failed = outcome.views.iter().take(usize::from(n)).any(|v| v.failed);
+                Some(if failed { 100.0 } else { 0.0 })
+            }
+            Figure::RefusedViews => {
+                record.registration.as_ref().map(|o| o.views.iter().filter(|v| v.refused.is_some()).count() as f64)
+            }
+            Figure::Left => record.registration.as_ref().map(|o| 1e3 * o.left_m),
+            Figure::Off => record.registration.as_ref().map(|o| 100.0 * o.off_share),
         }
     }
 }

@@ -5,6 +5,7 @@ pub mod compare;
 pub mod paper;
 pub mod plots;
 pub mod recorded;
+pub mod registration;
 pub mod replay;
 pub mod rows;
 pub mod table;
@@ -88,6 +89,10 @@ pub fn write(
         atomic_write_with(&directory.join("recorded.csv"), |w| write_csv(w, &rows.recorded))?;
         atomic_write_with(&directory.join("forecasts.csv"), |w| write_csv(w, &rows.forecasts))?;
         atomic_write_with(&directory.join("stop.csv"), |w| write_csv(w, &rows.stops))?;
+    }
+    if !rows.registration.is_empty() {
+        atomic_write_with(&directory.join("registration.csv"), |w| write_csv(w, &rows.registration))?;
+        atomic_write_with(&directory.join("failures.csv"), |w| write_csv(w, &rows.failures))?;
     }
     atomic_write(&directory.join("timing.md"), tables::timing(contents, &order).to_markdown().as_bytes())?;
     let mut markdown = format!("# Results\n\n{}\n\n", headline(contents, config, &order));

@@ -1,6 +1,7 @@
 //! The tables of a run.
 
 use super::recorded::{self, ForecastRow, RecordedRow, StopRow};
+use super::registration::{self, FailureRow, RegistrationRow};
 use super::rows::{ObjectRow, PairedRow, PolicyRow, SkippedRow, TimeRow};
 use super::table::Table;
 use crate::bootstrap::{Interval, Over, difference, draws, efficiency_interval, efficiency_ratio, mean_interval};
@@ -31,6 +32,12 @@ pub struct Rows {
     /// Where `stop` would have ended.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stops: Vec<StopRow>,
+    /// How scans were registered.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub registration: Vec<RegistrationRow>,
+    /// How often that failed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failures: Vec<FailureRow>,
 }
 
 impl Rows {
@@ -50,6 +57,8 @@ impl Rows {
             recorded: recorded::rows(contents, config, policies),
             forecasts: recorded::forecasts(contents, config, policies),
             stops: recorded::stops(contents, config, policies),
+            registration: registration::rows(contents, config, policies),
+            failures: registration::failures(contents),
         }
     }
 
@@ -76,6 +85,7 @@ impl Rows {
         list.extend((!self.forecasts.is_empty()).then(|| recorded::forecast_table(&self.forecasts)));
         list.extend((!self.stops.is_empty()).then(|| recorded::stop_table(&self.stops)));
         list.push(self.overall());
+        list.extend(registration::tables(&self.registration, &self.failures));
         if !runs(contents, &config.baseline).is_empty() {
             list.push(Table::of(
                 &format!("Paired with {}", config.baseline),

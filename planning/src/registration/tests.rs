@@ -184,3 +184,64 @@ fn lambda_depends_neither_on_density_nor_on_size() {
     let large = PointCloud { points: cloud.points.iter().map(|p| p * 3.0).collect(), normals: cloud.normals.clone() };
     assert!((lambda(&large, 0.006, 0.006, 36e-6) / once - 1.0).abs() < 1e-3);
 }
+
+#[test]
+fn bounds_follow_from_the_robot_and_the_kind_of_icp() {
+    use registrability::Demand;
+    let demand = |error_m: f64, error_deg: f64, kind: Icp, about: About| {
+        let config = RegistrationConfig {
+            pose_error_m: error_m,
+            pose_error_deg: error_deg,
+            pose_error_about: about,
+            kind,
+            registrability: Registrability::Lambda,
+            ..Default::default()
+        };
+        Demand::new(&config, &Frame { center: Point3::origin(), radius: 0.065 }, 1.2)
+    };
+    let small = demand(0.002, 0.3, Icp::Good, About::Object);
+    let large = demand(0.008, 2.0, Icp::Good, About::Object);
+    // The figures of docs/registration.md.
+    assert!((small.least_lambda() - 3.0).abs() < 0.1, "{}", small.least_lambda());
+    assert!((large.least_lambda() - 5.0).abs() < 0.1, "{}", large.least_lambda());
+    assert!((small.failure(small.least_lambda()) - 0.15).abs() < 1e-9);
+    assert!(small.failure(0.1) > 0.95 && small.failure(40.0) < 0.01);
+    for (careful, careless) in [
+        (small, large),
+        (small, demand(0.002, 0.3, Icp::Plain, About::Object)),
+        (small, demand(0.002, 0.3, Icp::Good, About::Camera)),
+    ] {
+        assert!(careful.least_lambda() < careless.least_lambda(), "{careful:?} {careless:?}");
+        assert!(careful.least_overlap() < careless.least_overlap(), "{careful:?} {careless:?}");
+    }
+}
+
+#[test]
+fn what_a_view_would_see_again_is_the_area_that_faces_it() {
+    use crate::ScanState;
+    use geometry::View;
+    let seen = |spacing: f64, distance: f64, cloud: PointCloud| {
+        let camera = geometry::PinholeCamera::default();
+        let state = ScanState { cloud, grid_size: spacing, camera, num_scans: 1, ..Default::default() };
+        let target = Point3::new(0.04, 0.04, 0.04);
+        let frame = Frame::around(&[&state.cloud]);
+        let from = |direction: [f64; 3]| {
+            let position = target + distance * Vector3::from(direction).normalize();
+            registrability::seen_again(&state, &View { target, position }, &frame)
+        };
+        (from([1.0, 1.0, 1.0]).lambda(frame.radius), from([-1.0, -1.0, -1.0]).lambda(frame.radius))
+    };
+    // The trace of the lower right block is the area seen, square to the line of sight.
+    let (front, behind) = seen(0.002, 1.2, corner());
+    assert!(front > 20.0 && behind == 0.0, "{front} and {behind}: the back of the sides faces away");
+    let (near, _) = seen(0.002, 0.6, corner());
+    assert!((near / front - 1.0).abs() < 0.15, "the distance changes nothing: {near} and {front}");
+    let step = |i: usize| i % 40 % 2 == 0 && i / 40 % 2 == 0;
+    let all = corner();
+    let thin = PointCloud {
+        points: all.points.iter().enumerate().filter(|(i, _)| step(*i)).map(|(_, p)| *p).collect(),
+        normals: all.normals.iter().enumerate().filter(|(i, _)| step(*i)).map(|(_, n)| *n).collect(),
+    };
+    let (sparse, _) = seen(0.004, 1.2, thin);
+    assert!((sparse / front - 1.0).abs() < 0.2, "nor does the density: {sparse} and {front}");
+}

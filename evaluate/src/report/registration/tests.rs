@@ -1,0 +1,63 @@
+use super::*;
+use crate::metrics::tests::record;
+use crate::record::Timing;
+use datagen::RegistrationOutcome;
+use datagen::registration::Refused;
+
+fn view(left_mm: Option<f64>, lambda: f64) -> ViewRegistration {
+    ViewRegistration {
+        given_m: 0.003,
+        left_m: left_mm.map(|mm| 1e-3 * mm),
+        failed: left_mm.is_some_and(|mm| mm > 2.0),
+        refused: left_mm.is_none().then_some(Refused::Uncertain),
+        like_overlap: 0.25,
+        lambda,
+        expected_lambda: lambda + 1.0,
+        expected_failure: 0.1,
+    }
+}
+
+/// Two episodes: in one the second of three scans fails, in the other one is refused.
+fn contents() -> Contents {
+    let of = |episode: usize, views: Vec<ViewRegistration>| {
+        let mut record = record("a", "p", episode, &[0.3, 0.5, 0.7, 0.8], &[Some(0.3), Some(0.08), Some(0.5)]);
+        record.registration = Some(RegistrationOutcome { views, left_m: 0.001, off_share: 0.25 });
+        (record, Timing { episode_s: 1.0, decisions_s: vec![] })
+    };
+    let failing = vec![view(Some(0.4), 5.0), view(Some(6.0), 0.5), view(Some(7.0), 30.0)];
+    let refused = vec![view(Some(0.2), 5.0), view(None, 0.5), view(Some(0.2), 30.0)];
+    Contents { episodes: vec![of(0, failing), of(1, refused)], skipped: vec![] }
+}
+
+#[test]
+fn rows_equal_what_is_counted_by_hand() {
+    let config = EvaluateConfig::default();
+    let rows = rows(&contents(), &config, &["p".to_owned()]);
+    let row = &rows[0];
+    assert_eq!((row.episodes, row.failed_in_first_5_percent, row.failed_ever_percent), (2, Some(50.0), Some(50.0)));
+    assert_eq!((row.refused_views, row.off_percent, row.lambda_median), (Some(0.5), Some(25.0), Some(5.0)));
+    assert!((row.left_mm.unwrap() - 1.0).abs() < 1e-9 && (row.overlap_percent.unwrap() - 88.0 / 3.0).abs() < 1e-9);
+    assert_eq!(row.coverage_after_5_percent, Some(80.0), "the last one where the episode ended before");
+}
+
+#[test]
+fn scans_after_a_failure_do_not_count_against_their_overlap() {
+    let failures = failures(&contents());
+    let find = |by: &str, from: f64| failures.iter().find(|r| r.by == by && r.from == from).expect("a bin");
+    assert_eq!((find("lambda", 25.0).scans, find("lambda", 25.0).failed_percent), (1, Some(0.0)), "one of two");
+    assert_eq!((find("lambda", 0.0).scans, find("lambda", 0.0).failed_percent), (1, Some(100.0)), "refused: none");
+    assert_eq!((find("overlap", 30.0).scans, find("overlap", 30.0).left_median_mm), (2, Some(0.4)));
+    assert_eq!(find("expected_lambda", 4.0).scans, 2);
+    assert_eq!((find("overlap", 60.0).scans, find("overlap", 60.0).failed_percent), (0, None));
+}
+
+#[test]
+fn runs_without_registration_have_no_such_tables() {
+    let plain = Contents {
+        episodes: vec![(record("a", "p", 0, &[0.5], &[]), Timing { episode_s: 1.0, decisions_s: vec![] })],
+        skipped: vec![],
+    };
+    let config = EvaluateConfig::default();
+    assert!(rows(&plain, &config, &["p".to_owned()]).is_empty() && failures(&plain).is_empty());
+    assert!(tables(&[], &[]).is_empty());
+}
