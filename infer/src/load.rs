@@ -206,7 +206,8 @@ pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded>
     let Scan::Cloud { cloud, from } = &mut loaded.scan else {
         bail!("{}: its pixels tell where its camera was already: leave --pose {pose} away", path.display());
     };
-    check_ahead(&cloud.points, &world_from_camera).with_context(|| format!("--pose {pose}, {}", path.display()))?;
+    check_ahead(&cloud.points, &world_from_camera)
+        .map_err(|why| anyhow::anyhow!("--pose {pose}, {}: {why}", path.display()))?;
     *from = Some(Point3::from(world_from_camera.translation.vector));
     Ok(loaded)
 }
@@ -215,18 +216,18 @@ pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded>
 ///
 /// # Errors
 /// Says how much lies ahead, and what may be wrong.
-pub fn check_ahead(points: &[Point3<f64>], world_from_camera: &Isometry3<f64>) -> Result<()> {
+pub fn check_ahead(points: &[Point3<f64>], world_from_camera: &Isometry3<f64>) -> Result<(), String> {
     let camera_from_world = world_from_camera.inverse();
     let ahead = points.iter().filter(|p| (camera_from_world * **p).z > 0.0).count();
     let measured = points.iter().filter(|p| p.iter().all(|x| x.is_finite())).count();
-    if 2 * ahead < measured {
-        bail!(
-            "{} % of the points lie ahead of this camera: is it camera_from_world, the inverse? Expected world_from_camera, \
-             +Z forward, metres",
-            100 * ahead / measured
-        );
+    if 2 * ahead >= measured {
+        return Ok(());
     }
-    Ok(())
+    Err(format!(
+        "{} % of the points lie ahead of this camera: is it camera_from_world, the inverse? Expected world_from_camera, +Z \
+         forward, metres",
+        100 * ahead / measured
+    ))
 }
 
 #[cfg(test)]

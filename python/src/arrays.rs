@@ -21,6 +21,10 @@ pub fn numbers<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py
         Ok(array) => array.clone(),
         Err(_) => value.py().import("numpy")?.call_method1("asarray", (value,))?.cast_into()?,
     };
+    if array.hasattr("mask")? {
+        let fill = "its mask would be lost: fill it first, NaN or 0 for no return";
+        return Err(Fault::Value(format!("{name}: a masked array, {fill}")).into());
+    }
     if !matches!(array.dtype().kind(), b'f' | b'i' | b'u') {
         return Err(PyTypeError::new_err(format!("{name}: an array of {}, expected real numbers", array.dtype())));
     }

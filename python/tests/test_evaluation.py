@@ -1,8 +1,10 @@
 """Own policies in our tables."""
 
 import json
+import os
 import re
 import runpy
+import signal
 import time
 
 import numpy as np
@@ -167,6 +169,27 @@ def test_versions_say_what_need_not_run_again(tmp_path):
         evaluate({"mine": Raises()}, out=tmp_path)
     report = evaluate({"mine": LargestUnseen()}, out=tmp_path)
     assert report.skipped == [] and row(report, "mine")["episodes"] == 4, "what failed is tried again"
+
+
+def test_ctrl_c_keeps_what_is_done_and_the_same_call_goes_on(tmp_path):
+    class Slow(LargestUnseen):
+        version = "1"
+        calls = 0
+
+        def rank_views(self, state):
+            Slow.calls += 1
+            if Slow.calls == 7:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.3)
+            return super().rank_views(state)
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate({"slow": Slow()}, out=tmp_path, episodes=20)
+    stopped = Slow.calls
+    assert 7 <= stopped < 60, "not all 120"
+    report = evaluate({"slow": Slow()}, out=tmp_path, episodes=20)
+    assert row(report, "slow")["episodes"] == 40
+    assert Slow.calls == 120, "no episode was run twice"
 
 
 def test_what_is_asked_must_make_sense(tmp_path):

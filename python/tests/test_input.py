@@ -26,6 +26,7 @@ K = np.array([[500.0, 0, 160], [0, 500, 120], [0, 0, 1]])
         (np.array([["a"] * 3] * 9), TypeError, "an array of <U1"),
         (None, TypeError, "an array of object"),
         ("scan.ply", TypeError, "expected real numbers"),
+        (np.ma.masked_array(np.zeros((9, 3)), mask=True), ValueError, "points: a masked array, its mask would be lost"),
         (np.broadcast_to(np.zeros(3), (10**9, 3)), ValueError, "at most 100663296 numbers are taken: thin or split it"),
     ],
 )
