@@ -26,6 +26,7 @@ pub mod sequence;
 pub mod shard;
 pub mod surface;
 mod text;
+mod yaml;
 
 pub use cloud::{CloudFile, read_cloud};
 pub use config::{ConfigError, Flag};

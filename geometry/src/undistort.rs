@@ -89,7 +89,9 @@ fn sample(image: &DepthImage, camera: &PinholeCamera, u: f64, v: f64) -> f32 {
     if !(inside(u, camera.width) && inside(v, camera.height)) {
         return f32::NAN;
     }
-    let (left, top) = (u.floor().max(0.0), v.floor().max(0.0));
+    // At the last row and column between the last two.
+    let first = |x: f64, size: u32| x.floor().min(f64::from(size) - 2.0).max(0.0);
+    let (left, top) = (first(u, camera.width), first(v, camera.height));
     let at = |dx: u32, dy: u32| image.at(left as u32 + dx, top as u32 + dy).map(f64::from);
     let nearest = || raw(image, u.round().max(0.0) as u32, v.round().max(0.0) as u32);
     let (Some(a), Some(b), Some(c), Some(d)) = (at(0, 0), at(1, 0), at(0, 1), at(1, 1)) else { return nearest() };

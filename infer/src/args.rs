@@ -16,8 +16,10 @@ Examples:
   infer --scan samples/scan1.ply --from 0.8,0.2,0.9
   infer --scan a.ply b.ply --distance 0.6 --report next.html
   infer --depth d.png --intrinsics 514.1,514.1,640,360 --pose pose.json --json
+  infer --depth d.png --camera camera_info.yaml --pose pose.json --set sensor.max_range_m=1.5
   infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --views-from stops.json
   infer --scan a.ply b.ply --from 0,0,1 0.7,0,0.7 --register refine --pose-error 0.002,0.3
+  infer --config cell.toml --depth d.png --pose p.json --table-angle-deg 30
   infer --session part7 --scan c.ply --from 0.8,0.2,0.9
   infer --object procedural:3 --views 10 --report loop.html
   infer --serve --http 127.0.0.1:8350
@@ -43,6 +45,11 @@ pub struct Args {
     /// Intrinsics of the depth images, fx,fy,cx,cy in pixels; not needed where the pose file has them.
     #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub intrinsics: Option<[f64; 4]>,
+    /// Calibration of the camera: ROS CameraInfo, OpenCV FileStorage or Kalibr's camchain (YAML; FILE:cam1 takes one of several),
+    /// RealSense's or Open3D's intrinsics (JSON). Depth images are undistorted by it, and the next scan's camera has its size and
+    /// focal length.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["object", "intrinsics"])]
+    pub camera: Option<String>,
     /// Pose of the camera of each depth image, or of each cloud instead of --from: tx,ty,tz,qx,qy,qz,qw in metres, or a file
     /// with one pose in any of the formats of --views-from; FILE:NAME or FILE:INDEX takes one of several.
     #[arg(long, num_args = 1.., value_name = "FILE|NUMBERS", conflicts_with_all = ["object", "serve"])]
@@ -52,6 +59,10 @@ pub struct Args {
     /// Open3D's .log, COLMAP's images.txt. Their directions: docs/formats.md.
     #[arg(long, value_name = "FILE")]
     pub views_from: Option<PathBuf>,
+    /// Angle of the turntable at each scan, degrees, the clouds first: the scans and their cameras are given in the cell's frame, which
+    /// does not turn. The table itself: [turntable] of the settings.
+    #[arg(long, num_args = 1.., value_name = "DEGREES", value_parser = angle, allow_negative_numbers = true, conflicts_with_all = ["object", "serve"])]
+    pub table_angle_deg: Vec<f64>,
     /// Metres per unit of the depth images, integers or floats, if not the usual.
     #[arg(long, value_name = "METRES", value_parser = length, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub depth_unit: Option<f64>,
@@ -127,6 +138,13 @@ impl Args {
     /// Not as many as there are scans; clouds with --from as well.
     pub fn cameras(&self) -> anyhow::Result<(&[String], &[String])> {
         let (clouds, images, given) = (self.scan.len(), self.depth.len(), self.pose.len());
+        let angles = self.table_angle_deg.len();
+        if angles > 0 && angles != clouds + images {
+            bail!(
+                "{angles} --table-angle-deg for {} scans: give one per scan, the clouds first, or none",
+                clouds + images
+            );
+        }
         if !self.from.is_empty() && self.from.len() != clouds {
             bail!("{} --from for {clouds} --scan: give one camera position per cloud, or none", self.from.len());
         }
@@ -165,6 +183,10 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
         .map_err(|part| format!("{part:?} is not a number"))?;
     let found = values.len();
     values.try_into().map_err(|_| format!("{found} numbers, expected {N} with commas between and no spaces"))
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().ok().filter(|x| x.abs() < 1e6).ok_or_else(|| format!("{text:?} is no angle in degrees"))
 }
 
 fn planner(text: &str) -> Result<PlannerName, String> {

@@ -1,14 +1,14 @@
 //! `--session DIR`: a session that goes on from command to command, kept as the service keeps its own.
 
 use crate::args::Args;
-use crate::load::{self, Loaded};
+use crate::load;
 use crate::request::{Ask, Body, cloud_body};
 use crate::service::{Entry, Method, Open, Service, ServiceConfig};
 use anyhow::{Context, Result};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use planning::pose::Pose;
-use planning::{Network, Scan, SessionConfig};
+use planning::{Network, SessionConfig};
 use serde_json::json;
 use std::path::Path;
 
@@ -59,20 +59,27 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
             (Some(_), Some(from), Some(metres)) => Some((from / metres).coords.into()),
             _ => given,
         };
-        add(path, &cloud_body(path, args.unit, told)?)?;
+        add(path, &cloud_body(path, args.unit, told, args.table_angle_deg.get(i).copied())?)?;
     }
-    for (path, pose) in args.depth.iter().zip(of_images) {
-        let Loaded { scan, .. } = load::depth(path, args.depth_unit, pose, args.intrinsics, config.misses)?;
-        let Scan::Depth { camera, world_from_camera, misses, .. } = scan else { continue };
+    let camera = crate::program::depth_camera(args)?;
+    for (i, (path, pose)) in args.depth.iter().zip(of_images).enumerate() {
+        // What is wrong with it is told in full; it is kept as it came.
+        load::depth(path, args.depth_unit, pose, camera, config.misses)?;
+        let (world_from_camera, camera) = load::placed_camera(path, pose, camera)?;
         let bytes = STANDARD.encode(load::named_bytes(path)?);
         let is_png = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
+        let lens = camera.lens;
+        let distortion =
+            (!lens.is_pinhole()).then(|| json!({ "model": lens.name(), "coefficients": lens.coefficients() }));
         let mut depth = json!({
-            "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+            "intrinsics": camera.intrinsics,
+            "distortion": distortion,
             "world_from_camera": Pose::from(&world_from_camera).matrix,
-            "metres_per_unit": args.depth_unit, "misses": misses,
+            "metres_per_unit": args.depth_unit, "misses": config.misses,
         });
         depth[if is_png { "png_base64" } else { "npy_base64" }] = bytes.into();
-        add(path, json!({ "depth": depth }).to_string().as_bytes())?;
+        let angle = args.table_angle_deg.get(args.scan.len() + i);
+        add(path, json!({ "depth": depth, "table_angle_deg": angle }).to_string().as_bytes())?;
     }
     Ok(())
 }

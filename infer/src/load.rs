@@ -8,9 +8,10 @@ pub use poses::{PoseFile, poses, rigid};
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
 use formats::FormatError;
+use formats::camera::CameraFile;
 use formats::cloud::{CloudFile, parse_cloud, read_cloud};
 use formats::depth::{DepthFile, parse_depth, read_depth};
-use geometry::PinholeCamera;
+use geometry::{Lens, PinholeCamera, Undistorted, undistort_depth};
 use nalgebra::{Isometry3, Point3};
 use organised::depth_of_organised;
 use planning::{Misses, Reading, Scan};
@@ -82,7 +83,7 @@ fn from_cloud_file(mut file: CloudFile, unit: Option<Unit>) -> Loaded {
         }
     }
     notes.extend(leave_out_camera(&mut file));
-    let reading = Reading { notes, metres_per_unit: Some(metres) };
+    let reading = Reading { notes, metres_per_unit: Some(metres), table_angle_deg: None };
     let poses = file.viewpoint.into_iter().chain([Isometry3::identity()]);
     if let Some(grid) = &file.grid {
         for pose in poses {
@@ -135,9 +136,32 @@ impl Loaded {
     }
 }
 
-/// The camera of a depth image, from fx, fy, cx, cy in pixels.
-fn pinhole(file: &DepthFile, intrinsics: [f64; 4]) -> Result<PinholeCamera> {
-    let [fx, fy, cx, cy] = intrinsics;
+/// The camera of a depth image as it is calibrated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthCamera {
+    /// fx, fy, cx, cy in pixels.
+    pub intrinsics: [f64; 4],
+    /// Its distortion.
+    pub lens: Lens,
+    /// Columns and rows that it was calibrated for, if that is known.
+    pub size: Option<[u32; 2]>,
+}
+
+impl From<CameraFile> for DepthCamera {
+    fn from(CameraFile { size, intrinsics, lens }: CameraFile) -> Self {
+        Self { intrinsics, lens, size }
+    }
+}
+
+/// The pinhole camera of a depth image, its distortion aside.
+fn pinhole(file: &DepthFile, camera: &DepthCamera) -> Result<PinholeCamera> {
+    let intrinsics @ [fx, fy, cx, cy] = camera.intrinsics;
+    if let Some([width, height]) = camera.size.filter(|size| *size != file.image.size) {
+        let [columns, rows] = file.image.size;
+        bail!(
+            "{columns} x {rows} pixels, and the camera was calibrated for {width} x {height}: give the calibration of this size"
+        );
+    }
     if !(fx > 0.0 && fy > 0.0 && intrinsics.iter().all(|x| x.is_finite())) {
         bail!("intrinsics: expected fx, fy, cx, cy with fx and fy positive, found {fx}, {fy}, {cx}, {cy}");
     }
@@ -147,11 +171,12 @@ fn pinhole(file: &DepthFile, intrinsics: [f64; 4]) -> Result<PinholeCamera> {
 /// A depth image, and what is odd about its camera.
 pub fn from_depth_file(
     file: DepthFile,
-    intrinsics: [f64; 4],
+    camera: &DepthCamera,
     world_from_camera: Isometry3<f64>,
     misses: Misses,
 ) -> Result<Loaded> {
-    let camera = pinhole(&file, intrinsics)?;
+    let lens = camera.lens;
+    let camera = pinhole(&file, camera)?;
     let mut notes = file.notes;
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let off = |center: f64, size: f64| (center / size - 0.5).abs();
@@ -161,8 +186,17 @@ pub fn from_depth_file(
     } else if off(camera.cx, width).min(off(camera.cy, height)) > 0.2 {
         notes.push(format!("the principal point {point} lies far from its middle: intrinsics of another resolution?"));
     }
-    let reading = Reading { notes, metres_per_unit: None };
-    Ok(Loaded { scan: Scan::Depth { camera, depth: file.image, world_from_camera, misses }, reading })
+    let Undistorted { camera, image: depth, left_out } = match lens.is_pinhole() {
+        true => Undistorted { camera, image: file.image, left_out: 0 },
+        false => undistort_depth(&file.image, &camera, &lens),
+    };
+    if left_out > 0 {
+        notes.push(format!(
+            "{left_out} pixels are left out: they look more than 75 degrees off the axis, or farther than the lens's model holds"
+        ));
+    }
+    let reading = Reading { notes, metres_per_unit: None, table_angle_deg: None };
+    Ok(Loaded { scan: Scan::Depth { camera, depth, world_from_camera, misses }, reading })
 }
 
 /// A depth image in bytes; the name's ending tells the format.
@@ -185,18 +219,26 @@ pub fn depth(
     path: &Path,
     metres_per_unit: Option<f64>,
     pose: &str,
-    intrinsics: Option<[f64; 4]>,
+    camera: Option<DepthCamera>,
     misses: Misses,
 ) -> Result<Loaded> {
     check_unit("--depth-unit", metres_per_unit)?;
+    let (world_from_camera, camera) = placed_camera(path, pose, camera)?;
+    from_depth_file(read_depth(path, metres_per_unit)?, &camera, world_from_camera, misses)
+        .with_context(|| path.display().to_string())
+}
+
+/// The pose of a depth image's camera, and the camera: as given, else as the file of the pose has it.
+pub fn placed_camera(path: &Path, pose: &str, camera: Option<DepthCamera>) -> Result<(Isometry3<f64>, DepthCamera)> {
     let (world_from_camera, known) = poses::read_pose(pose)?;
-    let Some(intrinsics) = intrinsics.or(known) else {
+    let known = known.map(|intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None });
+    let Some(camera) = camera.or(known) else {
         bail!(
-            "{}: the camera is unknown: give --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file",
+            "{}: the camera is unknown: give --camera FILE, --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file",
             path.display()
         );
     };
-    from_depth_file(read_depth(path, metres_per_unit)?, intrinsics, world_from_camera, misses)
+    Ok((world_from_camera, camera))
 }
 
 /// A cloud from a file with the pose of its camera: most of it must lie ahead.

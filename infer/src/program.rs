@@ -1,13 +1,15 @@
 //! The program `infer`: the next view for a real scan.
 
 use crate::args::Args;
-use crate::load::{self, Loaded};
+use crate::load::{self, DepthCamera, Loaded};
 use crate::report::{ReportInput, report_html};
 use crate::service::{self, Service, ServiceConfig};
 use crate::{frustums, http, kept, lines, simulate, weights};
 use anyhow::{Context, Result, bail};
 use formats::Flag;
+use formats::camera::read_camera;
 use formats::program::{CommonArgs, finish, misuse, print, print_line, stop_when_asked};
+use geometry::Lens;
 use nalgebra::Isometry3;
 use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
 use std::ffi::OsString;
@@ -64,6 +66,9 @@ fn run(args: &Args) -> Result<ExitCode> {
 /// The next view, printed and drawn.
 fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
     if let Some(path) = &args.views_from {
+        if session.config().turntable.as_ref().is_some_and(|table| table.cell_from_camera.is_some()) {
+            bail!("--views-from: turntable.cell_from_camera says that the camera stands still; leave one of them away");
+        }
         session.set_given_views(load::poses(path)?);
     }
     let answer = session.next_view()?;
@@ -94,7 +99,14 @@ fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
     };
     let misses = args.misses.map(toml::Value::try_from).transpose()?;
     let register = args.register.map(toml::Value::try_from).transpose()?;
+    let camera = args.camera.as_deref().map(read_camera).transpose()?;
+    let size = camera.as_ref().and_then(|c| c.size);
+    // Without its size, what it is calibrated for may be another image than the next one.
+    let intrinsics = camera.as_ref().filter(|_| size.is_some()).map(|c| toml::Value::from(c.intrinsics.to_vec()));
     let flags = [
+        Flag::given("--camera", "camera.width", size.map(|s| i64::from(s[0]))),
+        Flag::given("--camera", "camera.height", size.map(|s| i64::from(s[1]))),
+        Flag::given("--camera", "camera.intrinsics", intrinsics),
         Flag::given("--distance", "working_distance_m", fixed),
         Flag::given("--distance", "working_distance_range_m", range),
         Flag::given("--planner", "planner", args.planner.map(|p| p.as_str())),
@@ -111,6 +123,15 @@ fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
     Ok(config)
 }
 
+/// The camera of the depth images, as far as the command line tells.
+pub(crate) fn depth_camera(args: &Args) -> Result<Option<DepthCamera>> {
+    let plain = |intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
+    match &args.camera {
+        Some(file) => Ok(Some(read_camera(file)?.into())),
+        None => Ok(args.intrinsics.map(plain)),
+    }
+}
+
 /// Adds all scans.
 fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
     let (of_clouds, of_images) = args.cameras()?;
@@ -119,16 +140,20 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
             Some(pose) => load::cloud_from(path, args.unit, pose)?,
             None => load::cloud(path, args.unit, args.from.get(i).copied())?,
         };
-        add(session, path, loaded)?;
+        add(session, path, loaded, args.table_angle_deg.get(i))?;
     }
     let misses = session.config().misses;
-    for (path, pose) in args.depth.iter().zip(of_images) {
-        add(session, path, load::depth(path, args.depth_unit, pose, args.intrinsics, misses)?)?;
+    let camera = depth_camera(args)?;
+    for (i, (path, pose)) in args.depth.iter().zip(of_images).enumerate() {
+        let angle = args.table_angle_deg.get(args.scan.len() + i);
+        add(session, path, load::depth(path, args.depth_unit, pose, camera, misses)?, angle)?;
     }
     Ok(())
 }
 
-fn add(session: &mut Session, path: &Path, Loaded { scan, mut reading }: Loaded) -> Result<()> {
+fn add(session: &mut Session, path: &Path, loaded: Loaded, table_angle_deg: Option<&f64>) -> Result<()> {
+    let Loaded { scan, mut reading } = loaded;
+    reading.table_angle_deg = table_angle_deg.copied();
     reading.notes.iter_mut().for_each(|note| *note = format!("{}: {note}", path.display()));
     let report =
         session.add_scan_within(scan, reading, &Budget::default()).with_context(|| path.display().to_string())?;
@@ -162,13 +187,14 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
 fn step_line(step: &simulate::Step) -> String {
     let percent = |share: Option<f64>| share.map_or("    -".to_owned(), |s| format!("{:5.1}", 100.0 * s));
     format!(
-        "view {:2}  coverage {:5.1} %  gain {} % (expected {})  overlap {} %  {}",
+        "view {:2}  coverage {:5.1} %  gain {} % (expected {})  overlap {} %  {}{}",
         step.views,
         100.0 * step.coverage,
         percent(Some(step.gain)),
         percent(step.expected_gain),
         percent(step.overlap),
-        step.planner.as_deref().unwrap_or("first view")
+        step.planner.as_deref().unwrap_or("first view"),
+        step.table_stop_deg.map_or(String::new(), |stop| format!("  table at {stop} degrees"))
     )
 }
 

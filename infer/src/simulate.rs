@@ -36,6 +36,9 @@ pub struct Step {
     pub expected_gain: Option<f64>,
     /// What it did add.
     pub gain: f64,
+    /// Where the turntable stopped for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub table_stop_deg: Option<f64>,
     /// The planner that chose it.
     pub planner: Option<String>,
 }
@@ -86,6 +89,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
             overlap,
             expected_gain: expected.and_then(|a| a.stop.expected_gain),
             gain: coverage - steps.last().map_or(0.0, |s: &Step| s.coverage),
+            table_stop_deg: expected.and_then(|a| Some(a.next.as_ref()?.table.as_ref()?.stop_deg)),
             planner: expected.map(|a| a.planner.clone()),
         };
         show(&step);

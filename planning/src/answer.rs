@@ -6,7 +6,9 @@ use crate::pose::Pose;
 use crate::registration::Registered;
 use crate::registration::registrability::Prediction;
 use crate::stop::{Missing, Stop};
+use crate::turntable::TableStop;
 use crate::{CameraPose, PastScan, Surface};
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -27,6 +29,9 @@ pub struct Candidate {
     pub working_distance_m: f64,
     /// The camera's pose.
     pub world_from_camera: Pose,
+    /// Where the turntable stops, and the camera's pose in the cell then; absent without a turntable.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table: Option<TableStop>,
     /// Expected new surface as a share of the whole, where it can be predicted.
     pub expected_gain: Option<f64>,
     /// Expected share of the scan that is seen already, where it can be predicted.
@@ -39,6 +44,13 @@ pub struct Candidate {
     /// How well its scan could be registered; absent where that is not asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<Prediction>,
+}
+
+impl Candidate {
+    /// Where the camera stands in the cell, which does not turn with the table.
+    pub fn position_in_cell(&self) -> Point3<f64> {
+        Point3::from(self.table.as_ref().map_or(self.position_m, |table| table.cell_from_camera.translation_m))
+    }
 }
 
 /// What was planned on.
@@ -238,11 +250,18 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     line(format!("next view: score {:.3}{which}", next.score));
     line(format!("  target  {}", triple(&next.target_m)));
     line(format!("  camera  {}   ({} from the target)", triple(&next.position_m), length(next.working_distance_m)));
-    line("  world_from_camera (+X right, +Y down, +Z forward; metres)".to_owned());
-    for row in &next.world_from_camera.matrix {
+    let (what, pose) = match &next.table {
+        Some(table) => {
+            line(format!("  turn the table to {} degrees", table.stop_deg));
+            ("cell_from_camera", &table.cell_from_camera)
+        }
+        None => ("world_from_camera", &next.world_from_camera),
+    };
+    line(format!("  {what} (+X right, +Y down, +Z forward; metres)"));
+    for row in &pose.matrix {
         line(format!("    [{:10.6} {:10.6} {:10.6} {:10.6}]", row[0], row[1], row[2], row[3]));
     }
-    let [x, y, z, w] = next.world_from_camera.quaternion_xyzw;
+    let [x, y, z, w] = pose.quaternion_xyzw;
     line(format!("  quaternion x {x:.6} y {y:.6} z {z:.6} w {w:.6}"));
     let mut benefit = String::new();
     let _ = match next.expected_gain {

@@ -6,6 +6,7 @@ use crate::constraints::{Box3, ConstraintsConfig};
 use crate::pose::PoseConfig;
 use crate::registration::RegistrationConfig;
 use crate::sensor::SensorConfig;
+use crate::turntable::TurntableConfig;
 use geometry::PinholeCamera;
 use serde::{Deserialize, Serialize};
 
@@ -53,6 +54,8 @@ pub struct SessionConfig {
     pub misses: Misses,
     /// Roll of the answered pose.
     pub pose: PoseConfig,
+    /// A turntable that the object stands on.
+    pub turntable: Option<TurntableConfig>,
     /// What the cell allows; everything is off by default.
     pub constraints: ConstraintsConfig,
     /// Whether scans are registered, and views chosen so that they can be.
@@ -78,6 +81,7 @@ impl Default for SessionConfig {
             sensor: SensorConfig::default(),
             misses: Misses::Unknown,
             pose: PoseConfig::default(),
+            turntable: None,
             constraints: ConstraintsConfig::default(),
             registration: RegistrationConfig::default(),
         }
@@ -131,6 +135,7 @@ impl SessionConfig {
         self.camera.check()?;
         self.registration.check()?;
         self.sensor.check(&self.working_distances())?;
+        self.turntable.as_ref().map_or(Ok(()), TurntableConfig::check)?;
         self.constraints.check()
     }
 

@@ -132,7 +132,19 @@ impl ConstraintsConfig {
     /// Every constraint that rules the view out, each with what was found and allowed; empty if it may be taken. `overlap` is the
     /// least that can be expected.
     pub fn objections(&self, view: &View, overlap: Option<f64>, known: &Surroundings) -> Vec<Objection> {
-        let camera = &view.position;
+        self.objections_in_cell(view, view, overlap, known)
+    }
+
+    /// [`ConstraintsConfig::objections`] where the object is turned: `in_cell` is the view where the camera stands, `view` where it stands
+    /// as the object sees it.
+    pub fn objections_in_cell(
+        &self,
+        view: &View,
+        in_cell: &View,
+        overlap: Option<f64>,
+        known: &Surroundings,
+    ) -> Vec<Objection> {
+        let camera = &in_cell.position;
         let up = self.up();
         let mut objections = Vec::new();
         let mut object = |constraint, reason| objections.push(Objection { constraint, reason });
@@ -148,7 +160,7 @@ impl ConstraintsConfig {
         if let Some(keep_out) = self.keep_out_m.iter().find(|b| contains(b, camera)) {
             object(Constraint::KeepOut, format!("camera {} is inside {}", show(camera), show_box(keep_out)));
         }
-        let tilt = view.direction().dot(&up).clamp(-1.0, 1.0).asin().to_degrees();
+        let tilt = in_cell.direction().dot(&up).clamp(-1.0, 1.0).asin().to_degrees();
         if self.min_tilt_deg.is_some_and(|least| tilt < least) || self.max_tilt_deg.is_some_and(|most| tilt > most) {
             let limit = |bound: Option<f64>| bound.map_or("any".to_owned(), |x| format!("{x:.0}"));
             let (least, most) = (limit(self.min_tilt_deg), limit(self.max_tilt_deg));
@@ -165,15 +177,15 @@ impl ConstraintsConfig {
             object(Constraint::Overlap, format!("overlap of at least {overlap:.2}, required {:.2}", self.min_overlap));
         }
         if let Some(radius) = self.visited_radius_m {
-            let nearest = known.visited.iter().map(|p| (p - camera).norm()).fold(f64::INFINITY, f64::min);
+            let nearest = known.visited.iter().map(|p| (p - view.position).norm()).fold(f64::INFINITY, f64::min);
             if nearest < radius {
                 object(Constraint::Visited, format!("{nearest:.3} m from a position done already"));
             }
         }
         let clearance =
             self.clearance_m.unwrap_or_else(|| CLEARANCE_M.min(0.25 * (view.position - view.target).norm()));
-        if clearance > 0.0 && known.may_touch(camera, clearance) {
-            let (distance, winding) = known.near(camera);
+        if clearance > 0.0 && known.may_touch(&view.position, clearance) {
+            let (distance, winding) = known.near(&view.position);
             if distance < clearance {
                 object(Constraint::Clearance, format!("{distance:.3} m from the measured surface"));
             } else if winding > 0.5 {
@@ -200,7 +212,7 @@ pub struct Surroundings<'a> {
     pub spacing: f64,
     /// The box around the points.
     pub bounds: [Point3<f64>; 2],
-    /// Where the camera is now.
+    /// Where the camera is now, in the cell.
     pub current: Option<Point3<f64>>,
     /// Positions done already.
     pub visited: Vec<Point3<f64>>,

@@ -49,6 +49,7 @@ pub mod session;
 pub mod state;
 pub mod stop;
 pub mod thin;
+pub mod turntable;
 
 pub use accumulate::Accumulate;
 pub use answer::{Answer, Candidate};
@@ -70,3 +71,4 @@ pub use sensor::SensorConfig;
 pub use session::{Session, SessionError};
 pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};
 pub use stop::{Missing, Stop};
+pub use turntable::{TableStop, TurntableConfig};

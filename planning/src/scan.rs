@@ -78,6 +78,8 @@ pub struct Reading {
     pub notes: Vec<String>,
     /// Metres per unit of its numbers; `None` where that is not known.
     pub metres_per_unit: Option<f64>,
+    /// The turntable's angle, degrees, where the scan is in the cell's frame; else it is in the object's.
+    pub table_angle_deg: Option<f64>,
 }
 
 /// What became of a scan's points.

@@ -5,26 +5,26 @@ mod doubts;
 mod error;
 mod merging;
 mod missing;
+mod placing;
 mod ranking;
 pub mod registering;
 mod request;
+mod table;
 mod warnings;
 
 use crate::answer::{Answer, Candidate, CloudSummary, EstimatedCamera};
 use crate::config::{PlannerName, SessionConfig};
-use crate::constraints::{Objection, Surroundings, count_exclusions};
+use crate::constraints::{Surroundings, count_exclusions};
 use crate::doubt::Offset;
-use crate::overlap;
 use crate::planners::auto::{AutoPlanner, Network};
-use crate::pose::{Pose, world_from_camera};
 use crate::registration::registrability::Demand;
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
 use crate::{Accumulate, Budget, Evidence, Planner, ScanState};
 use geometry::PointCloud;
 use nalgebra::{Isometry3, Point3};
+use placing::Cell;
 use ranking::{Ranking, rank};
-use registering::unregistrable;
 use std::sync::Arc;
 
 pub use error::SessionError;
@@ -43,6 +43,8 @@ pub struct Session {
     /// What the planner said of the state as it is: requests that differ in where the camera may go ask once.
     ranking: Option<Ranking>,
     given_views: Arc<[Isometry3<f64>]>,
+    /// As they were given: in the cell's frame, where there is a turntable.
+    taught: Arc<[Isometry3<f64>]>,
     /// How far each scan lies off those before it, as far as it was asked.
     offsets: Vec<Option<Offset>>,
     /// Where scans were taken that could not be registered onto the cloud as it is now.
@@ -81,17 +83,20 @@ impl Session {
 
     fn empty(config: SessionConfig, network: Option<Network>, truth: Option<Truth>) -> Self {
         let planners = AutoPlanner::new(network, &config);
-        Self {
+        let mut session = Self {
             config,
             planners,
             scans: Vec::new(),
             state: ScanState::default(),
             ranking: None,
             given_views: Arc::default(),
+            taught: Arc::default(),
             offsets: Vec::new(),
             unregistered: Vec::new(),
             truth,
-        }
+        };
+        session.place_views();
+        session
     }
 
     /// The settings.
@@ -113,6 +118,7 @@ impl Session {
         let merge = |c: &SessionConfig| (c.accumulate, c.max_points, c.seed);
         let merged_alike = merge(&self.config) == merge(&config);
         self.config = config;
+        self.place_views();
         if merged_alike {
             self.state.working_distance = self.config.working_distance_m;
             self.state.reach += self.config.tolerance_m - self.state.tolerance;
@@ -143,6 +149,7 @@ impl Session {
         reading: Reading,
         budget: &Budget,
     ) -> Result<ScanReport, SessionError> {
+        let scan = self.on_table(scan, &reading)?;
         let least = self.config.min_points;
         let refused = |refusal| SessionError::refused(refusal, least, &reading);
         let (mut prepared, near) = prepare(scan, &self.config, budget).map_err(refused)?;
@@ -195,15 +202,6 @@ impl Session {
         self.truth.as_ref().map_or(&[], |truth| &truth.reference)
     }
 
-    /// Chooses from these poses (`world_from_camera`) alone from now on: the stops of a turntable, taught poses. Each is
-    /// scored like a candidate, none is invented, and those that were scanned from already are ruled out. Empty: views at the
-    /// boundary of the cloud again.
-    pub fn set_given_views(&mut self, poses: Vec<Isometry3<f64>>) {
-        self.given_views = poses.into();
-        self.state.given_views = Arc::clone(&self.given_views);
-        self.ranking = None;
-    }
-
     /// The next view, with all candidates, where the camera may go by the settings.
     ///
     /// # Errors
@@ -224,7 +222,8 @@ impl Session {
         self.compare_scans();
         let constraints = &self.config.constraints;
         let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(PreparedScan::camera_position).collect();
-        let last = self.scans.last().and_then(PreparedScan::camera_position);
+        let table_deg = self.table_deg();
+        let last = self.scans.last().and_then(PreparedScan::camera_position).map(|p| self.cell_from_object() * p);
         let asked = request.current_position_m.or(constraints.current_position_m);
         let current = asked.map(Point3::from).or(last);
         if constraints.needs_current_position() && current.is_none() {
@@ -240,9 +239,7 @@ impl Session {
         };
         let complete = ranking.complete;
         let &mut Ranking { views: ref ranked, boundary, .. } = self.ranking.insert(ranking);
-        let predicts = choice.planner == PlannerName::Volumetric;
-        let given = self.state.given();
-        let scanned: Vec<Point3<f64>> = if given.is_empty() { Vec::new() } else { positions.clone() };
+        let scanned = if self.state.given_views.is_empty() { Vec::new() } else { positions.clone() };
         let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
         let (low, high) = self.state.cloud.bounding_box();
         let known = Surroundings {
@@ -253,64 +250,26 @@ impl Session {
             current,
             visited,
         };
-        let usual_scan = overlap::usual_scan(&self.state.cloud, self.scans.len());
-        let demand = Demand::on(&self.state, &config.registration);
-        let mut candidates: Vec<Candidate> = ranked
-            .iter()
-            .take_while(|_| budget.allows(true).is_ok())
-            .map(|(ranked, distance)| {
-                let view = &ranked.view;
-                let overlap = ranked.overlap.or_else(|| {
-                    (constraints.min_overlap > 0.0 || demand.as_ref().is_some_and(|(d, _)| d.needs_overlap()))
-                        .then(|| overlap::estimate(&self.state, view, usual_scan))
-                });
-                let given = given.iter().position(|g| g == view);
-                let registration = demand.as_ref().map(|(demand, frame)| demand.predict(&self.state, view, frame));
-                let pose = match given {
-                    Some(i) => self.given_views[i],
-                    None => world_from_camera(view, &self.config.pose, &constraints.up()),
-                };
-                let mut objections = match scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
-                    true => vec![Objection::scanned()],
-                    false => {
-                        let least = overlap.map(|o| o - overlap::margin(num_scans));
-                        let mut objections = constraints.objections(view, least, &known);
-                        objections.extend(Objection::of_sensor(&self.config.sensor, ranked, predicts));
-                        objections.extend(unregistrable(
-                            view,
-                            &self.unregistered,
-                            least,
-                            registration.as_ref(),
-                            demand.as_ref().map(|(demand, _)| demand),
-                        ));
-                        objections
-                    }
-                };
-                if objections.is_empty() {
-                    let why_not = request.reach.as_ref().and_then(|reach| reach.why_not(&pose));
-                    objections.extend(why_not.map(Objection::out_of_reach));
-                }
-                Candidate {
-                    rank: 0,
-                    score: ranked.score - constraints.travel_cost(view, &known),
-                    planner_score: ranked.score,
-                    target_m: view.target.coords.into(),
-                    position_m: view.position.coords.into(),
-                    working_distance_m: *distance,
-                    world_from_camera: Pose::from(&pose),
-                    expected_gain: ranked.gain,
-                    expected_overlap: overlap,
-                    objections,
-                    given,
-                    registration,
-                }
-            })
-            .collect();
+        let cell = Cell {
+            config: &self.config,
+            state: &self.state,
+            limits: constraints.clone(),
+            known,
+            scanned,
+            table_deg,
+            predicts: choice.planner == PlannerName::Volumetric,
+            scans: num_scans,
+            demand: Demand::on(&self.state, &config.registration),
+            unregistered: &self.unregistered,
+            reach: request.reach.as_ref(),
+        };
+        let mut candidates: Vec<Candidate> =
+            cell.candidates(ranked).take_while(|_| budget.allows(true).is_ok()).collect();
         budget.allows(true)?;
         if !complete {
             self.ranking = None;
         }
-        let travel = |c: &Candidate| current.map_or(0.0, |from| (Point3::from(c.position_m) - from).norm());
+        let travel = |c: &Candidate| current.map_or(0.0, |from| (c.position_in_cell() - from).norm());
         // Of given views that are equally good the nearer. Stable: equal ones stay in the planner's order.
         candidates.sort_by(|a, b| {
             let ruled_out = |c: &Candidate| !c.objections.is_empty();
@@ -322,7 +281,7 @@ impl Session {
         }
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
         let stop = Stop::judge(&candidates, self.config.stop_below);
-        let (missing, surface) = self.missing(choice.planner, &candidates, &known).unzip();
+        let (missing, surface) = self.missing(choice.planner, &candidates, cell).unzip();
         Ok(Answer {
             stop,
             planner: choice.planner.as_str().to_owned(),

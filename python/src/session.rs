@@ -3,8 +3,8 @@
 use crate::arrays;
 use crate::fault::{Fault, guarded, internal};
 use formats::config::{load, overlaid};
-use geometry::PointCloud;
-use infer::load::Loaded;
+use geometry::{Lens, PointCloud};
+use infer::load::{DepthCamera, Loaded};
 use nalgebra::{Isometry3, Point3};
 use numpy::PyArray2;
 use planning::session::{Reach, Request};
@@ -138,7 +138,8 @@ impl RobotSession {
         let file = arrays::depth(depth, metres_per_unit)?;
         let usual = self.work(py, |session| Ok(session.config().misses))?;
         let misses = self::misses(misses, usual)?;
-        let loaded = infer::load::from_depth_file(file, intrinsics, pose, misses).map_err(Fault::from)?;
+        let camera = DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
+        let loaded = infer::load::from_depth_file(file, &camera, pose, misses).map_err(Fault::from)?;
         self.add(py, loaded)
     }
 
@@ -171,7 +172,7 @@ impl RobotSession {
             (None, None) => None,
         };
         let scan = Scan::Cloud { cloud: PointCloud { points, normals }, from };
-        self.add(py, Loaded { scan, reading: Reading { notes: Vec::new(), metres_per_unit: Some(1.0) } })
+        self.add(py, Loaded { scan, reading: Reading { metres_per_unit: Some(1.0), ..Reading::default() } })
     }
 
     /// A cloud in the bytes of a file; the ending of its name tells the format.

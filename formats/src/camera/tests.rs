@@ -122,10 +122,14 @@ fn what_cannot_be_read_is_refused_by_name() {
     );
     refused(&REALSENSE.replace("\"fx\"", "\"f\""), "fx, fy, ppx, ppy");
     refused("<?xml version=\"1.0\"?><opencv_storage/>", "XML");
-    refused("just text", "no keys");
+    refused("just text", "line 1");
     refused("a: &a [1, 2]\nb: *a\n", "anchor");
-    refused(&"[".repeat(100_000), "levels");
-    refused(&"- ".repeat(100_000), "levels");
+    refused("a: 1\na: 2\n", "a second time");
+    refused("a: [1, 2\nb: 3\n", "never closed");
+    refused("a: 1\n   b: 2\n", "line 2");
+    refused(&"[".repeat(100_000), "never closed");
+    refused(&format!("{}{}", "[".repeat(100_000), "]".repeat(100_000)), "levels");
+    refused(&"- ".repeat(100_000), "within a list");
     refused("{\"width\": ", "line 1");
     let zeros = REALSENSE.replace("distortion.brown_conrady", "distortion.inverse_brown_conrady");
     let zeros = zeros.replace("[0.1, -0.2, 0.001, -0.002, 0.05]", "[0.0, 0.0, 0.0, 0.0, 0.0]");

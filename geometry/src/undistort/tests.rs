@@ -31,7 +31,9 @@ fn a_plane_stays_a_plane() {
         let seen = undistort_depth(&shot(&lens, normal, false), &camera(), &lens);
         let off = |p: &Point3<f64>| (p - Point3::new(0.0, 0.0, 1.0)).dot(&normal).abs();
         let points = seen.image.to_points(&seen.camera, &Isometry3::identity());
-        let mut off: Vec<f64> = points.iter().map(off).collect();
+        // Seen more flatly, neighbours count as two surfaces.
+        let steep = |p: &&Point3<f64>| p.coords.normalize().dot(&normal).abs() > 75f64.to_radians().cos();
+        let mut off: Vec<f64> = points.iter().filter(steep).map(off).collect();
         off.sort_by(f64::total_cmp);
         assert!(points.len() > 70_000 && seen.left_out == 0, "{lens:?}: {} points", points.len());
         let [usual, most] = [off[off.len() * 99 / 100], off[off.len() - 1]];

@@ -109,7 +109,8 @@ fn a_principal_point_outside_is_said() {
     let notes = |size: [u32; 2], intrinsics| {
         let image = DepthImage { origin: [0, 0], size, depth: vec![0.0; (size[0] * size[1]) as usize] };
         let file = DepthFile { image, notes: Vec::new() };
-        from_depth_file(file, intrinsics, Isometry3::identity(), Misses::Unknown).map(|loaded| loaded.reading.notes)
+        let camera = DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
+        from_depth_file(file, &camera, Isometry3::identity(), Misses::Unknown).map(|loaded| loaded.reading.notes)
     };
     assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("lies outside"));
     assert!(notes([64, 48], [60.0, 60.0, 16.0, 12.0]).expect("read")[0].contains("far from its middle"));
@@ -150,4 +151,47 @@ fn a_cloud_takes_the_position_of_its_pose_and_lies_ahead() {
     std::fs::write(&pose, rows(2)).expect("written");
     let error = cloud_from(&cloud, None, &text).expect_err("behind").to_string();
     assert!(error.contains("0 % of the points") && error.contains("the inverse"), "{error}");
+}
+
+/// A wall at 1 m through a lens, as a file of 64 x 48 pixels, and the calibration of that lens.
+fn distorted(folder: &Path) -> (std::path::PathBuf, String) {
+    let camera = PinholeCamera { width: 64, height: 48, fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5 };
+    let lens = Lens::named("plumb_bob", &[-0.28, 0.11, 0.001, -0.001, -0.02]).expect("a lens");
+    let mut depth = Vec::new();
+    for row in 0..48 {
+        for column in 0..64 {
+            let at = camera.unproject(f64::from(column), f64::from(row), 1.0);
+            let ray = lens.undistort(at.coords.xy()).expect("in the model");
+            // The wall leans: z = 1 + x / 2.
+            depth.push((1.0 / (1.0 - 0.5 * ray.x)) as f32);
+        }
+    }
+    let image = folder.join("d.png");
+    let seen = DepthImage { origin: [0, 0], size: [64, 48], depth };
+    formats::depth::write_depth(&image, &seen, 64, 48, 1e-4).expect("an image");
+    let file = folder.join("camera.yaml");
+    let text = "image_width: 64\nimage_height: 48\ncamera_matrix: {rows: 3, cols: 3, data: [50, 0, 31.5, 0, 50, 23.5, 0, 0, 1]}\n\
+                distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.11, 0.001, -0.001, -0.02]}\n";
+    std::fs::write(&file, text).expect("a calibration");
+    (image, file.display().to_string())
+}
+
+#[test]
+fn a_calibrated_lens_is_undone_on_reading() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (image, file) = distorted(folder.path());
+    let camera = DepthCamera::from(formats::camera::read_camera(&file).expect("a calibration"));
+    let off = |camera: DepthCamera| {
+        let loaded = depth(&image, Some(1e-4), "0,0,0,0,0,0,1", Some(camera), Misses::Unknown).expect("an image");
+        let Scan::Depth { camera, depth, .. } = loaded.scan else { panic!("a depth image") };
+        let points = depth.to_points(&camera, &Isometry3::identity());
+        assert!(points.len() > 2_500);
+        points.iter().map(|p| (p.z - 1.0 - 0.5 * p.x).abs()).fold(0.0, f64::max)
+    };
+    let (undone, ignored) = (off(camera), off(DepthCamera { lens: Lens::Pinhole, ..camera }));
+    assert!(undone < 5e-4 && ignored > 0.02, "{undone} m off the wall, {ignored} m with the lens ignored");
+    let other = DepthCamera { size: Some([128, 96]), ..camera };
+    let error =
+        format!("{:#}", depth(&image, None, "0,0,0,0,0,0,1", Some(other), Misses::Unknown).expect_err("a size"));
+    assert!(error.contains("d.png: 64 x 48 pixels, and the camera was calibrated for 128 x 96"), "{error}");
 }

@@ -1,11 +1,11 @@
 //! A scan as a request carries it.
 
 use super::Object;
-use crate::load::{self, Loaded};
+use crate::load::{self, DepthCamera, Loaded};
 use crate::service::Refusal;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use geometry::PointCloud;
+use geometry::{Lens, PointCloud};
 use nalgebra::{Point3, Vector3};
 use planning::pose::from_quaternion;
 use planning::scan::FARTHEST_M;
@@ -85,6 +85,8 @@ pub struct ScanRequest<'a> {
     /// A depth image.
     #[serde(borrow)]
     pub depth: Option<Object<DepthRequest<'a>>>,
+    /// The turntable's angle, degrees, where the scan is in the cell's frame.
+    pub table_angle_deg: Option<f64>,
     /// Path of a cloud.
     pub file: Option<String>,
     /// How long it may take from its arrival on; the service's setting if absent.
@@ -105,8 +107,14 @@ impl Text<'_> {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn cloud_body(path: &Path, unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Vec<u8>, Refusal> {
-    ScanRequest { file: Some(path.display().to_string()), unit, from, ..Default::default() }.with_its_file()
+pub fn cloud_body(
+    path: &Path,
+    unit: Option<Unit>,
+    from: Option<[f64; 3]>,
+    table_angle_deg: Option<f64>,
+) -> Result<Vec<u8>, Refusal> {
+    let file = Some(path.display().to_string());
+    ScanRequest { file, unit, from, table_angle_deg, ..Default::default() }.with_its_file()
 }
 
 /// `[[x, y, z], ...]`, at most [`POINTS`].
@@ -151,6 +159,8 @@ pub struct DepthRequest<'a> {
     pub metres_per_unit: Option<f64>,
     /// fx, fy, cx, cy in pixels.
     pub intrinsics: [f64; 4],
+    /// Of the lens; none if absent.
+    pub distortion: Option<Object<Distortion>>,
     /// 4 x 4, row by row, metres.
     pub world_from_camera: Option<[[f64; 4]; 4]>,
     /// Instead of the matrix.
@@ -159,6 +169,16 @@ pub struct DepthRequest<'a> {
     pub translation_m: Option<[f64; 3]>,
     /// What pixels without a return mean; the service's setting if absent.
     pub misses: Option<Misses>,
+}
+
+/// Distortion of a lens.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Distortion {
+    /// `none`, `brown_conrady` or `fisheye`.
+    pub model: String,
+    /// k1 k2 p1 p2 [k3 [k4 k5 k6]], or k1 k2 k3 k4.
+    pub coefficients: Vec<f64>,
 }
 
 impl ScanRequest<'_> {
@@ -175,6 +195,9 @@ impl ScanRequest<'_> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let mut whole =
             json!({ "cloud_base64": STANDARD.encode(bytes), "cloud_name": name, "unit": self.unit, "from": self.from });
+        if self.table_angle_deg.is_some() {
+            whole["table_angle_deg"] = json!(self.table_angle_deg);
+        }
         if self.deadline_ms.is_some() {
             whole["deadline_ms"] = json!(self.deadline_ms);
         }
@@ -183,6 +206,16 @@ impl ScanRequest<'_> {
 
     /// The scan.
     pub fn into_scan(self, may_read_files: bool) -> Result<Loaded, Refusal> {
+        let table_angle_deg = self.table_angle_deg;
+        if table_angle_deg.is_some_and(|angle| !(angle.abs() < 1e6)) {
+            return Err(Refusal::new(400, "bad_scan", "table_angle_deg: expected an angle in degrees"));
+        }
+        let mut loaded = self.read(may_read_files)?;
+        loaded.reading.table_angle_deg = table_angle_deg;
+        Ok(loaded)
+    }
+
+    fn read(self, may_read_files: bool) -> Result<Loaded, Refusal> {
         let bad = |message: &str| Refusal::new(400, "bad_scan", message);
         let given = [
             self.points.is_some(),
@@ -234,7 +267,10 @@ impl ScanRequest<'_> {
             return Err(bad(&format!("{} normals for {} points", normals.len(), points.len())));
         }
         let scan = Scan::Cloud { cloud: PointCloud { points, normals }, from };
-        Ok(Loaded { scan, reading: Reading { notes: Vec::new(), metres_per_unit: Some(metres) } })
+        Ok(Loaded {
+            scan,
+            reading: Reading { notes: Vec::new(), metres_per_unit: Some(metres), table_angle_deg: None },
+        })
     }
 }
 
@@ -273,7 +309,13 @@ impl DepthRequest<'_> {
             return Err(bad("the camera stands farther away than a million metres".to_owned()));
         }
         let misses = self.misses.unwrap_or_default();
-        load::from_depth_file(file, self.intrinsics, world_from_camera, misses).map_err(|e| bad(format!("{e:#}")))
+        let lens = match &self.distortion {
+            Some(Object(lens)) => Lens::named(&lens.model, &lens.coefficients),
+            None => Ok(Lens::Pinhole),
+        };
+        let lens = lens.map_err(|found| bad(format!("distortion: found {found}")))?;
+        let camera = DepthCamera { intrinsics: self.intrinsics, lens, size: None };
+        load::from_depth_file(file, &camera, world_from_camera, misses).map_err(|e| bad(format!("{e:#}")))
     }
 }
 

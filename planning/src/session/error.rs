@@ -45,6 +45,11 @@ pub enum SessionError {
         /// Why.
         why: Unsafe,
     },
+    /// An angle of a table that there is none of.
+    #[error(
+        "table angle of {0} degrees, and no turntable: its axis and its stops stand in [turntable] of the settings"
+    )]
+    NoTurntable(f64),
     /// The planner has no view for a reason that is no end.
     #[error(transparent)]
     Plan(PlanError),

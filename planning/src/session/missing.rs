@@ -1,9 +1,10 @@
 //! What is missing of the surface, and which of it the camera may see.
 
 use super::Session;
+use super::placing::Cell;
 use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
-use crate::constraints::{ConstraintsConfig, Surroundings};
+use crate::constraints::ConstraintsConfig;
 use crate::stop::Missing;
 use crate::{Allowed, ExpectedPoint, Surface};
 use geometry::View;
@@ -21,7 +22,7 @@ impl Session {
         &self,
         planner: PlannerName,
         candidates: &[Candidate],
-        known: &Surroundings,
+        mut cell: Cell,
     ) -> Option<(Missing, Surface)> {
         let surface = self.planners.surface(planner)?;
         let pose = |c: &Candidate| match c.given {
@@ -31,9 +32,8 @@ impl Session {
         let allowed: Vec<(usize, Isometry3<f64>)> =
             candidates.iter().filter(|c| c.objections.is_empty()).map(|c| (c.rank, pose(c))).collect();
         // Where the camera may go in the end, not with the next move.
-        let limits =
-            ConstraintsConfig { max_travel_m: None, visited_radius_m: None, ..self.config.constraints.clone() };
-        let others = |view: &View| limits.objections(view, None, known).is_empty();
+        cell.limits = ConstraintsConfig { max_travel_m: None, visited_radius_m: None, ..cell.limits };
+        let others = |view: &View| cell.place(view, &cell.pose(view, None), None, None).objections.is_empty();
         let any_other = self.given_views.is_empty();
         let allowed = Allowed { candidates: &allowed, others: any_other.then_some(&others) };
         Some(Missing::of(self.planners.holes(planner, &self.state, &allowed), &surface))

@@ -1,7 +1,7 @@
 use super::*;
 use crate::Reading;
 use crate::Unseen;
-use crate::constraints::Constraint;
+use crate::constraints::{Constraint, Objection};
 use crate::stop::Missing;
 use crate::{Left, PlannerName, Stopped};
 use geometry::View;
@@ -127,7 +127,7 @@ fn what_the_arm_cannot_reach_is_ruled_out_with_the_callers_reason() {
     let nowhere = Request { reach: Some(Reach::new(|_| Some("no arm".to_owned()))), ..Default::default() };
     let answer = session.next_view_for(&nowhere).expect("an answer");
     assert!(answer.next.is_none() && answer.stop.stop, "nothing is left");
-    assert!(answer.no_view_reason().contains("the check of who asked excludes"), "{}", answer.no_view_reason());
+    assert!(answer.no_view_reason().contains("the caller's own check excludes"), "{}", answer.no_view_reason());
     assert_eq!(session.next_view().expect("an answer"), free, "it holds for one answer alone");
 }
 
@@ -231,7 +231,11 @@ fn hints_on_the_unit_point_the_right_way() {
         let Scan::Cloud { mut cloud, .. } = sheet(|_, n| n) else { unreachable!("a cloud") };
         cloud.points.iter_mut().for_each(|p| p.coords *= scale);
         let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
-        let reading = Reading { notes: vec!["a.csv: a guess".to_owned()], metres_per_unit: Some(metres_per_unit) };
+        let reading = Reading {
+            notes: vec!["a.csv: a guess".to_owned()],
+            metres_per_unit: Some(metres_per_unit),
+            table_angle_deg: None,
+        };
         let from = Some(Point3::new(0.0, 0.0, scale));
         session.add_scan_within(Scan::Cloud { cloud, from }, reading, &Budget::default()).expect("a scan");
         let warnings = session.next_view().expect("an answer").warnings;

@@ -104,9 +104,10 @@ fn damage(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
 
 /// A file as a scan, and the view that it leads to; `None` where it is refused on the way.
 fn next_view(name: &str, bytes: &[u8]) -> Option<[f64; 3]> {
+    let camera = DepthCamera { intrinsics: [40.0, 40.0, 6.0, 4.5], lens: Lens::Pinhole, size: None };
     let loaded = match name.starts_with("depth") {
         true => depth_bytes(name, bytes, None)
-            .and_then(|file| from_depth_file(file, [40.0, 40.0, 6.0, 4.5], Isometry3::identity(), Misses::Unknown)),
+            .and_then(|file| from_depth_file(file, &camera, Isometry3::identity(), Misses::Unknown)),
         false => cloud_bytes(name, bytes, None, Some([0.0, 0.0, 0.0])),
     };
     let mut session = Session::new(SessionConfig::default(), None).expect("the defaults");

@@ -1,0 +1,142 @@
+//! A planner's views as candidates: where the camera stands in the cell, where a turntable stops, and what speaks against each.
+
+use super::registering::unregistrable;
+use super::{Reach, SAME_PLACE};
+use crate::answer::Candidate;
+use crate::config::SessionConfig;
+use crate::constraints::{ConstraintsConfig, Objection, Surroundings};
+use crate::overlap;
+use crate::pose::{Pose, world_from_camera};
+use crate::registration::Frame;
+use crate::registration::registrability::Demand;
+use crate::turntable::TableStop;
+use crate::{RankedView, ScanState};
+use geometry::View;
+use nalgebra::{Isometry3, Point3};
+
+/// What the views of one decision are held against.
+pub(super) struct Cell<'a> {
+    pub config: &'a SessionConfig,
+    pub state: &'a ScanState,
+    /// Where the camera may go: the settings', or those that hold in the end.
+    pub limits: ConstraintsConfig,
+    pub known: Surroundings<'a>,
+    /// Positions scanned from, where views are given: object's frame.
+    pub scanned: Vec<Point3<f64>>,
+    /// The table's angle at the last scan, degrees.
+    pub table_deg: f64,
+    /// Whether the planner predicts what a view sees.
+    pub predicts: bool,
+    pub scans: usize,
+    /// What registration asks of views, with the object's frame; `None` where it asks nothing.
+    pub demand: Option<(Demand, Frame)>,
+    /// Cameras whose scans could not be registered onto the cloud as it is.
+    pub unregistered: &'a [Point3<f64>],
+    /// What who asks knows of the arm.
+    pub reach: Option<&'a Reach>,
+}
+
+/// A view in the cell.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Placed {
+    pub table: Option<TableStop>,
+    pub objections: Vec<Objection>,
+    /// Taken off its score.
+    pub cost: f64,
+}
+
+impl Cell<'_> {
+    /// The views, one by one.
+    pub fn candidates<'b>(&'b self, ranked: &'b [(RankedView, f64)]) -> impl Iterator<Item = Candidate> + 'b {
+        let given = self.state.given();
+        let usual_scan = overlap::usual_scan(&self.state.cloud, self.scans);
+        ranked.iter().map(move |(ranked, distance)| {
+            let view = &ranked.view;
+            let demand = self.demand.as_ref().map(|(demand, _)| demand);
+            let needs_overlap = self.limits.min_overlap > 0.0 || demand.is_some_and(Demand::needs_overlap);
+            let overlap =
+                ranked.overlap.or_else(|| needs_overlap.then(|| overlap::estimate(self.state, view, usual_scan)));
+            let least = overlap.map(|o| o - overlap::margin(self.scans));
+            let registration = self.demand.as_ref().map(|(demand, frame)| demand.predict(self.state, view, frame));
+            let given = given.iter().position(|g| g == view);
+            let pose = self.pose(view, given);
+            let mut placed = self.place(view, &pose, least, given);
+            if self.scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
+                placed.objections = vec![Objection::scanned()];
+            } else {
+                placed.objections.extend(Objection::of_sensor(&self.config.sensor, ranked, self.predicts));
+                let registration = registration.as_ref();
+                placed.objections.extend(unregistrable(view, self.unregistered, least, registration, demand));
+            }
+            if placed.objections.is_empty() {
+                let table = self.config.turntable.as_ref().zip(placed.table.as_ref());
+                let in_cell = table.map(|(table, stop)| table.cell_from_object(stop.stop_deg) * pose);
+                let why_not = self.reach.and_then(|reach| reach.why_not(&in_cell.unwrap_or(pose)));
+                placed.objections.extend(why_not.map(Objection::out_of_reach));
+            }
+            Candidate {
+                rank: 0,
+                score: ranked.score - placed.cost,
+                planner_score: ranked.score,
+                target_m: view.target.coords.into(),
+                position_m: view.position.coords.into(),
+                working_distance_m: *distance,
+                world_from_camera: Pose::from(&pose),
+                table: placed.table,
+                expected_gain: ranked.gain,
+                expected_overlap: overlap,
+                objections: placed.objections,
+                given,
+                registration,
+            }
+        })
+    }
+
+    /// The camera's pose at a view, in the object's frame.
+    pub fn pose(&self, view: &View, given: Option<usize>) -> Isometry3<f64> {
+        match given {
+            Some(i) => self.state.given_views[i],
+            None => world_from_camera(view, &self.config.pose, &self.limits.up()),
+        }
+    }
+
+    /// Where a view is taken from, `overlap` being the least that can be expected of it: at the stop that nothing, or least, speaks
+    /// against; of those at the one that costs least, and then the nearest to where the table stands.
+    pub fn place(&self, view: &View, pose: &Isometry3<f64>, overlap: Option<f64>, given: Option<usize>) -> Placed {
+        let Some(table) = &self.config.turntable else {
+            return self.place_in_cell(view, view, pose, overlap);
+        };
+        let stops = table.stops();
+        // Given views are of one stop each, the stops in their order.
+        let own = given.map(|i| i * stops.len() / self.state.given_views.len().max(1));
+        let turn =
+            |stop: f64| ((stop - self.table_deg).rem_euclid(360.0)).min((self.table_deg - stop).rem_euclid(360.0));
+        let mut stops: Vec<f64> = match own {
+            Some(i) => vec![stops[i]],
+            None => stops,
+        };
+        stops.sort_by(|a, b| turn(*a).total_cmp(&turn(*b)));
+        let placed = stops.into_iter().map(|stop_deg| {
+            let cell_from_object = table.cell_from_object(stop_deg);
+            let pose = cell_from_object * pose;
+            let in_cell = View { target: cell_from_object * view.target, position: cell_from_object * view.position };
+            let mut placed = self.place_in_cell(view, &in_cell, &pose, overlap);
+            placed.table = Some(TableStop { stop_deg, cell_from_camera: Pose::from(&pose) });
+            placed
+        });
+        let order = |a: &Placed, b: &Placed| {
+            let against = |p: &Placed| p.objections.len();
+            against(a).cmp(&against(b)).then(a.cost.total_cmp(&b.cost))
+        };
+        // The first of equal ones: the nearest stop.
+        placed.reduce(|best, next| if order(&next, &best).is_lt() { next } else { best }).unwrap_or_default()
+    }
+
+    fn place_in_cell(&self, view: &View, in_cell: &View, _pose: &Isometry3<f64>, overlap: Option<f64>) -> Placed {
+        // A camera that stands still does not travel.
+        let moves = self.config.turntable.as_ref().is_none_or(|t| t.cell_from_camera.is_none());
+        let objections = self.limits.objections_in_cell(view, in_cell, overlap, &self.known);
+        let cost = if moves { self.limits.travel_cost(in_cell, &self.known) } else { 0.0 };
+        Placed { table: None, objections, cost }
+    }
+}

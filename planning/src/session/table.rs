@@ -1,0 +1,46 @@
+//! Views that are given, and the turntable that they, and scans, turn on.
+
+use super::{Session, SessionError};
+use crate::{Reading, Scan};
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+impl Session {
+    /// Chooses from these poses (`world_from_camera`) alone from now on: taught poses, or, with a turntable, poses in the cell, each at
+    /// every stop. Each is scored like a candidate, none is invented, and those that were scanned from already are ruled out.
+    /// Empty: views at the boundary of the cloud again, or, of a camera that stands still, those of its stops.
+    pub fn set_given_views(&mut self, poses: Vec<Isometry3<f64>>) {
+        self.taught = poses.into();
+        self.place_views();
+        self.ranking = None;
+    }
+
+    /// The given views in the object's frame.
+    pub(super) fn place_views(&mut self) {
+        self.given_views = match &self.config.turntable {
+            Some(table) => table.views(&self.taught).into(),
+            None => Arc::clone(&self.taught),
+        };
+        self.state.given_views = Arc::clone(&self.given_views);
+    }
+
+    /// The table's angle at the last scan that tells it, degrees.
+    pub(super) fn table_deg(&self) -> f64 {
+        self.scans.iter().rev().find_map(|scan| scan.reading.table_angle_deg).unwrap_or(0.0)
+    }
+
+    /// Where the object's frame is in the cell's at that angle.
+    pub(super) fn cell_from_object(&self) -> Isometry3<f64> {
+        let table = self.config.turntable.as_ref();
+        table.map_or_else(Isometry3::identity, |table| table.cell_from_object(self.table_deg()))
+    }
+
+    /// A scan in the object's frame, which was in the cell's where it tells an angle of the table.
+    pub(super) fn on_table(&self, scan: Scan, reading: &Reading) -> Result<Scan, SessionError> {
+        match (&self.config.turntable, reading.table_angle_deg) {
+            (_, None) => Ok(scan),
+            (None, Some(angle)) => Err(SessionError::NoTurntable(angle)),
+            (Some(table), Some(angle)) => Ok(scan.moved(&table.cell_from_object(angle).inverse())),
+        }
+    }
+}
