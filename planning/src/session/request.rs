@@ -16,9 +16,12 @@ pub struct Request {
     pub reach: Option<Reach>,
 }
 
-/// Asked of each view that nothing else rules out: why the camera cannot go there, if it cannot.
+/// Why the camera cannot go to a pose, if it cannot.
+type WhyNot = dyn Fn(&Isometry3<f64>) -> Option<String> + Send + Sync;
+
+/// Asked of each view that nothing else rules out.
 #[derive(Clone)]
-pub struct Reach(Arc<dyn Fn(&Isometry3<f64>) -> Option<String> + Send + Sync>);
+pub struct Reach(Arc<WhyNot>);
 
 impl Reach {
     /// As `why_not` says of a pose (`world_from_camera`).
