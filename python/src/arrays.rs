@@ -12,6 +12,9 @@ use planning::scan::FARTHEST_M;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
+/// Points and normals.
+pub type CloudArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
 /// Points or pixels that are taken at most.
 pub const MOST: usize = 1 << 25;
 

@@ -178,7 +178,7 @@ impl Episode {
     }
 
     /// The accumulated cloud and its normals, at the end too.
-    fn cloud<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn cloud<'py>(&self, py: Python<'py>) -> PyResult<arrays::CloudArrays<'py>> {
         let cloud = self.with(py, |running| Ok(running.cloud.clone()))?;
         Ok((arrays::of_points(py, cloud.points)?, arrays::of_vectors(py, cloud.normals)?))
     }

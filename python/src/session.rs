@@ -6,7 +6,6 @@ use formats::config::{load, overlaid};
 use geometry::{Lens, PointCloud};
 use infer::load::{DepthCamera, Loaded};
 use nalgebra::{Isometry3, Point3};
-use numpy::PyArray2;
 use planning::session::{Reach, Request};
 use planning::{Budget, Misses, Reading, Scan, SessionConfig};
 use pyo3::exceptions::PyTypeError;
@@ -93,7 +92,11 @@ impl RobotSession {
                 broke = false;
                 done
             });
-            if broke && guarded(|| Ok(session.restore(scans))).is_err() {
+            let restore = |session: &mut planning::Session| {
+                session.restore(scans);
+                Ok(())
+            };
+            if broke && guarded(|| restore(&mut session)).is_err() {
                 session.reset();
             }
             *lock(&self.owner) = None;
@@ -194,7 +197,10 @@ impl RobotSession {
     fn set_given_views(&self, py: Python<'_>, poses: Vec<Bound<'_, PyAny>>) -> PyResult<()> {
         let pose = |(i, pose): (usize, &Bound<'_, PyAny>)| arrays::pose(&format!("poses[{i}]"), pose);
         let poses: Vec<Isometry3<f64>> = poses.iter().enumerate().map(pose).collect::<PyResult<_>>()?;
-        self.work(py, |session| Ok(session.set_given_views(poses)))
+        self.work(py, |session| {
+            session.set_given_views(poses);
+            Ok(())
+        })
     }
 
     /// The answer, and why there is no view where there is none.
@@ -236,14 +242,17 @@ impl RobotSession {
     }
 
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
-        self.work(py, |session| Ok(session.reset()))
+        self.work(py, |session| {
+            session.reset();
+            Ok(())
+        })
     }
 
     fn num_scans(&self, py: Python<'_>) -> PyResult<usize> {
         self.work(py, |session| Ok(session.num_scans()))
     }
 
-    fn cloud<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn cloud<'py>(&self, py: Python<'py>) -> PyResult<arrays::CloudArrays<'py>> {
         let cloud = self.work(py, |session| Ok(session.cloud().clone()))?;
         Ok((arrays::of_points(py, cloud.points)?, arrays::of_vectors(py, cloud.normals)?))
     }
