@@ -120,7 +120,7 @@ pub struct ScanReport {
     pub used: usize,
     /// What registering it found, where that was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub registration: Option<Registered>,
+    pub registration: Option<Box<Registered>>,
 }
 
 impl ScanReport {

@@ -63,5 +63,5 @@ pub(super) fn judge(
     if shift_m > farthest {
         return Some(Unsafe::TooFar { shift_m, allowed_m: farthest });
     }
-    (expected_m > unsure).then(|| Unsafe::Uncertain { expected_m, allowed_m: unsure, weakest: *weakest })
+    (expected_m > unsure).then_some(Unsafe::Uncertain { expected_m, allowed_m: unsure, weakest: *weakest })
 }

@@ -175,7 +175,7 @@ fn lambda_depends_neither_on_density_nor_on_size() {
         register(scan, &model, &ARM, &config(Icp::Good, false)).lambda
     };
     let once = lambda(&cloud, 0.002, 0.002, 4e-6);
-    let step = |i: usize| i % 40 % 2 == 0 && i / 40 % 2 == 0;
+    let step = |i: usize| (i % 40).is_multiple_of(2) && (i / 40).is_multiple_of(2);
     let thin = PointCloud {
         points: cloud.points.iter().enumerate().filter(|(i, _)| step(*i)).map(|(_, p)| *p).collect(),
         normals: cloud.normals.iter().enumerate().filter(|(i, _)| step(*i)).map(|(_, n)| *n).collect(),
@@ -236,7 +236,7 @@ fn what_a_view_would_see_again_is_the_area_that_faces_it() {
     assert!(front > 20.0 && behind == 0.0, "{front} and {behind}: the back of the sides faces away");
     let (near, _) = seen(0.002, 0.6, corner());
     assert!((near / front - 1.0).abs() < 0.15, "the distance changes nothing: {near} and {front}");
-    let step = |i: usize| i % 40 % 2 == 0 && i / 40 % 2 == 0;
+    let step = |i: usize| (i % 40).is_multiple_of(2) && (i / 40).is_multiple_of(2);
     let all = corner();
     let thin = PointCloud {
         points: all.points.iter().enumerate().filter(|(i, _)| step(*i)).map(|(_, p)| *p).collect(),

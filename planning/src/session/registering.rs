@@ -4,7 +4,7 @@ use super::{Session, SessionError};
 use crate::answer::{ScanRegistration, length};
 use crate::constraints::{Constraint, Objection};
 use crate::registration::registrability::{Demand, Prediction};
-use crate::registration::{Model, Moving, Register, register};
+use crate::registration::{Model, Moving, Register, Registered, register};
 use crate::scan::PreparedScan;
 use crate::{PastScan, RankedView, Seen, overlap};
 use geometry::View;
@@ -37,7 +37,7 @@ impl Session {
             }
             scan.move_by(&found.correction);
         }
-        scan.report.registration = Some(found);
+        scan.report.registration = Some(Box::new(found));
         Ok(())
     }
 
@@ -74,7 +74,7 @@ impl Session {
     /// What registering the scans found.
     pub(super) fn registrations(&self) -> Vec<ScanRegistration> {
         let found = (1..).zip(&self.scans).filter_map(|(number, scan)| {
-            let found = scan.report.registration.clone()?;
+            let found = Registered::clone(scan.report.registration.as_ref()?);
             Some(ScanRegistration { scan: number, moved: scan.moved, found })
         });
         found.collect()
@@ -142,11 +142,11 @@ impl PreparedScan {
 fn footprint(scan: &PreparedScan) -> f64 {
     let measured = scan.report.used + scan.report.thinned;
     let share = measured as f64 / scan.cloud.len().max(1) as f64;
-    let images = scan.past.iter().filter_map(|past| match &past.seen {
+    let mut images = scan.past.iter().filter_map(|past| match &past.seen {
         Seen::Depth { camera, .. } => Some((camera, past.world_from_camera)),
         Seen::Points(_) => None,
     });
-    if let Some((camera, world_from_camera)) = images.last() {
+    if let Some((camera, world_from_camera)) = images.next_back() {
         let (forward, from) = (world_from_camera * Vector3::z(), Point3::from(world_from_camera.translation.vector));
         let squared: f64 = scan.cloud.points.iter().map(|p| (p - from).dot(&forward).powi(2)).sum();
         return share * squared / scan.cloud.len().max(1) as f64 / (camera.fx * camera.fy);
