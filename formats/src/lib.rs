@@ -26,6 +26,7 @@ pub mod sequence;
 pub mod shard;
 pub mod surface;
 mod text;
+pub mod urdf;
 mod yaml;
 
 pub use cloud::{CloudFile, read_cloud};

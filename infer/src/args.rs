@@ -6,6 +6,7 @@ use clap::Parser;
 use formats::program::{CommonArgs, EXIT_CODES, length, share};
 use planning::Misses;
 use planning::PlannerName;
+use planning::Support;
 use planning::registration::Register;
 use std::ffi::OsString;
 use std::net::SocketAddr;
@@ -20,6 +21,7 @@ Examples:
   infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --views-from stops.json
   infer --scan a.ply b.ply --from 0,0,1 0.7,0,0.7 --register refine --pose-error 0.002,0.3
   infer --config cell.toml --depth d.png --pose p.json --table-angle-deg 30
+  infer --scan a.ply --from 0,0,1 --support auto --robot samples/robots/ur5e.urdf --tool tool0 --flange-from-camera hand_eye.json
   infer --session part7 --scan c.ply --from 0.8,0.2,0.9
   infer --object procedural:3 --views 10 --report loop.html
   infer --serve --http 127.0.0.1:8350
@@ -63,6 +65,23 @@ pub struct Args {
     /// does not turn. The table itself: [turntable] of the settings.
     #[arg(long, num_args = 1.., value_name = "DEGREES", value_parser = angle, allow_negative_numbers = true, conflicts_with_all = ["object", "serve"])]
     pub table_angle_deg: Vec<f64>,
+    /// What the object stands on: auto (found in the first scan), none, or the plane nx,ny,nz,d of points p with n . p = d, metres. It is
+    /// taken away from the scans, and no view is under it.
+    #[arg(long, value_name = "auto|none|NX,NY,NZ,D", value_parser = support, conflicts_with = "object")]
+    pub support: Option<Support>,
+    /// URDF of the serial arm that carries the camera: views are ruled out that it does not reach, or where it would touch what was
+    /// measured, what is expected in unknown space, keep_out_m or itself. More: [robot] of the settings.
+    #[arg(long, value_name = "FILE", requires = "tool")]
+    pub robot: Option<PathBuf>,
+    /// The arm's last link, which the hand-eye calibration is of.
+    #[arg(long, value_name = "LINK", requires = "robot")]
+    pub tool: Option<String>,
+    /// Hand-eye calibration, the camera's pose on that link: tx,ty,tz,qx,qy,qz,qw in metres, or a file with one pose.
+    #[arg(long, value_name = "FILE|NUMBERS", requires = "robot", conflicts_with = "camera_from_flange")]
+    pub flange_from_camera: Option<String>,
+    /// The same the other way round: the link's pose in the camera's frame.
+    #[arg(long, value_name = "FILE|NUMBERS", requires = "robot")]
+    pub camera_from_flange: Option<String>,
     /// Metres per unit of the depth images, integers or floats, if not the usual.
     #[arg(long, value_name = "METRES", value_parser = length, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub depth_unit: Option<f64>,
@@ -183,6 +202,18 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
         .map_err(|part| format!("{part:?} is not a number"))?;
     let found = values.len();
     values.try_into().map_err(|_| format!("{found} numbers, expected {N} with commas between and no spaces"))
+}
+
+fn support(text: &str) -> Result<Support, String> {
+    match text {
+        "auto" => Ok(Support::Auto),
+        "none" => Ok(Support::None),
+        _ => {
+            let plane = numbers::<4>(text).map_err(|e| format!("{e}: auto, none, or the plane nx,ny,nz,d"))?;
+            let support = Support::plane(plane);
+            support.check().map(|()| support).map_err(|e| e.to_string())
+        }
+    }
 }
 
 fn angle(text: &str) -> Result<f64, String> {

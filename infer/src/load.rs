@@ -3,7 +3,7 @@
 mod organised;
 mod poses;
 
-pub use poses::{PoseFile, poses, rigid};
+pub use poses::{PoseFile, poses, read_pose, rigid};
 
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
@@ -230,7 +230,7 @@ pub fn depth(
 
 /// The pose of a depth image's camera, and the camera: as given, else as the file of the pose has it.
 pub fn placed_camera(path: &Path, pose: &str, camera: Option<DepthCamera>) -> Result<(Isometry3<f64>, DepthCamera)> {
-    let (world_from_camera, known) = poses::read_pose(pose)?;
+    let (world_from_camera, known) = read_pose(pose)?;
     let known = known.map(|intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None });
     let Some(camera) = camera.or(known) else {
         bail!(
@@ -243,7 +243,7 @@ pub fn placed_camera(path: &Path, pose: &str, camera: Option<DepthCamera>) -> Re
 
 /// A cloud from a file with the pose of its camera: most of it must lie ahead.
 pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded> {
-    let (world_from_camera, _) = poses::read_pose(pose)?;
+    let (world_from_camera, _) = read_pose(pose)?;
     let mut loaded = cloud(path, unit, None)?;
     let Scan::Cloud { cloud, from } = &mut loaded.scan else {
         bail!("{}: its pixels tell where its camera was already: leave --pose {pose} away", path.display());

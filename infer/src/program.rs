@@ -9,8 +9,10 @@ use anyhow::{Context, Result, bail};
 use formats::Flag;
 use formats::camera::read_camera;
 use formats::program::{CommonArgs, finish, misuse, print, print_line, stop_when_asked};
+use formats::urdf::{UrdfArm, read_urdf};
 use geometry::Lens;
 use nalgebra::Isometry3;
+use planning::pose::Pose;
 use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
 use std::ffi::OsString;
 use std::path::Path;
@@ -103,7 +105,9 @@ fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
     let size = camera.as_ref().and_then(|c| c.size);
     // Without its size, what it is calibrated for may be another image than the next one.
     let intrinsics = camera.as_ref().filter(|_| size.is_some()).map(|c| toml::Value::from(c.intrinsics.to_vec()));
-    let flags = [
+    let support = args.support.map(toml::Value::try_from).transpose()?;
+    let mut flags = vec![
+        Flag::given("--support", "support", support),
         Flag::given("--camera", "camera.width", size.map(|s| i64::from(s[0]))),
         Flag::given("--camera", "camera.height", size.map(|s| i64::from(s[1]))),
         Flag::given("--camera", "camera.intrinsics", intrinsics),
@@ -116,11 +120,33 @@ fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
         Flag::given("--pose-error", "registration.pose_error_m", args.pose_error.map(|[m, _]| m)),
         Flag::given("--pose-error", "registration.pose_error_deg", args.pose_error.map(|[_, deg]| deg)),
     ];
+    flags.extend(robot(args)?);
     let mut config: SessionConfig = CommonArgs { set, ..args.common.clone() }.settings(flags)?;
     if fixed.is_some() {
         config.working_distance_range_m = None;
     }
     Ok(config)
+}
+
+/// The arm of the command line, as settings.
+fn robot(args: &Args) -> Result<Vec<Option<Flag>>> {
+    let (Some(file), Some(tool)) = (&args.robot, &args.tool) else { return Ok(Vec::new()) };
+    let UrdfArm { arm, notes } = read_urdf(file, tool)?;
+    for note in notes {
+        tracing::warn!("{}: {note}", file.display());
+    }
+    let hand_eye = |flag: &str, text: &Option<String>| -> Result<Option<toml::Value>> {
+        let Some(text) = text else { return Ok(None) };
+        let (pose, _) = load::read_pose(text).with_context(|| format!("{flag} {text}"))?;
+        Ok(Some(toml::Value::try_from(Pose::from(&pose).matrix)?))
+    };
+    let one = hand_eye("--flange-from-camera", &args.flange_from_camera)?;
+    let other = hand_eye("--camera-from-flange", &args.camera_from_flange)?;
+    Ok(vec![
+        Flag::given("--robot", "robot.arm", Some(toml::Value::try_from(arm)?)),
+        Flag::given("--flange-from-camera", "robot.flange_from_camera", one),
+        Flag::given("--camera-from-flange", "robot.camera_from_flange", other),
+    ])
 }
 
 /// The camera of the depth images, as far as the command line tells.

@@ -7,7 +7,7 @@ use crate::registration::Registered;
 use crate::registration::registrability::Prediction;
 use crate::stop::{Missing, Stop};
 use crate::turntable::TableStop;
-use crate::{CameraPose, PastScan, Surface};
+use crate::{CameraPose, PastScan, Plane, Reached, Surface};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -32,6 +32,9 @@ pub struct Candidate {
     /// Where the turntable stops, and the camera's pose in the cell then; absent without a turntable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<TableStop>,
+    /// The arm at this view; absent without an arm, and where it cannot get there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reached: Option<Reached>,
     /// Expected new surface as a share of the whole, where it can be predicted.
     pub expected_gain: Option<f64>,
     /// Expected share of the scan that is seen already, where it can be predicted.
@@ -130,6 +133,9 @@ pub struct Answer {
     pub surface: Option<Surface>,
     /// What is missing of the surface, where the planner makes it out.
     pub missing: Option<Missing>,
+    /// What the object stands on, where that was found or given; it is taken away from the scans.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub support: Option<Plane>,
     /// False where the deadline passed before all views were scored, and the best so far was asked for.
     #[serde(default = "yes")]
     pub complete: bool,
@@ -162,6 +168,9 @@ impl Answer {
         if let Some(surface) = &self.surface {
             let [known, expected] = [surface.known_m2, surface.expected_m2].map(area);
             line(format!("surface: {known} measured, {expected} expected where nothing is known yet"));
+        }
+        if let Some(Plane { normal, offset_m }) = &self.support {
+            line(format!("stands on the plane {} . p = {offset_m:.4} m, which is taken away", triple(normal)));
         }
         if let Some(missing) = &self.missing {
             describe_missing(missing, &mut line);
@@ -263,6 +272,10 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     }
     let [x, y, z, w] = pose.quaternion_xyzw;
     line(format!("  quaternion x {x:.6} y {y:.6} z {z:.6} w {w:.6}"));
+    if let Some(reached) = &next.reached {
+        let joints: Vec<String> = reached.joints.iter().map(|j| format!("{} {:.4}", j.name, j.value)).collect();
+        line(format!("  joints {} (travel {:.2})", joints.join(", "), reached.travel));
+    }
     let mut benefit = String::new();
     let _ = match next.expected_gain {
         Some(gain) => write!(benefit, "  expected gain {:.1} % of the surface ({})", 100.0 * gain, stop.basis),

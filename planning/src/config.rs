@@ -4,8 +4,10 @@ use crate::Misses;
 use crate::accumulate::Accumulate;
 use crate::constraints::{Box3, ConstraintsConfig};
 use crate::pose::PoseConfig;
+use crate::reach::RobotConfig;
 use crate::registration::RegistrationConfig;
 use crate::sensor::SensorConfig;
+use crate::support::Support;
 use crate::turntable::TurntableConfig;
 use geometry::PinholeCamera;
 use serde::{Deserialize, Serialize};
@@ -54,6 +56,12 @@ pub struct SessionConfig {
     pub misses: Misses,
     /// Roll of the answered pose.
     pub pose: PoseConfig,
+    /// What the object stands on: `none`, `auto` (found in the first scan), or a plane nx, ny, nz, d.
+    pub support: Support,
+    /// How far above it points are still taken for it, metres.
+    pub support_margin_m: f64,
+    /// An arm that carries the camera.
+    pub robot: Option<RobotConfig>,
     /// A turntable that the object stands on.
     pub turntable: Option<TurntableConfig>,
     /// What the cell allows; everything is off by default.
@@ -81,6 +89,9 @@ impl Default for SessionConfig {
             sensor: SensorConfig::default(),
             misses: Misses::Unknown,
             pose: PoseConfig::default(),
+            support: Support::None,
+            support_margin_m: 0.004,
+            robot: None,
             turntable: None,
             constraints: ConstraintsConfig::default(),
             registration: RegistrationConfig::default(),
@@ -135,8 +146,28 @@ impl SessionConfig {
         self.camera.check()?;
         self.registration.check()?;
         self.sensor.check(&self.working_distances())?;
+        self.support.check()?;
+        self.check_arm()?;
         self.turntable.as_ref().map_or(Ok(()), TurntableConfig::check)?;
         self.constraints.check()
+    }
+
+    /// Refuses an arm that moves a camera which stands still.
+    fn check_arm(&self) -> Result<(), ConfigError> {
+        if !(self.support_margin_m.is_finite() && self.support_margin_m >= 0.0) {
+            let found = self.support_margin_m.to_string();
+            return Err(ConfigError {
+                key: "support_margin_m",
+                found,
+                expected: "zero or a positive number of metres",
+            });
+        }
+        let Some(robot) = &self.robot else { return Ok(()) };
+        if self.turntable.as_ref().is_some_and(|t| t.cell_from_camera.is_some()) {
+            let found = "a camera that stands still, and an arm".to_owned();
+            return Err(ConfigError { key: "turntable.cell_from_camera", found, expected: "one of them" });
+        }
+        robot.check()
     }
 
     /// Refuses what multiplies to more work than a decision can be waited for.

@@ -269,8 +269,14 @@ pub enum Constraint {
     Registrability,
     /// The sensor would measure nothing from there.
     Sensor,
-    /// The caller's own check says no.
+    /// Under what the object stands on.
+    Support,
+    /// The arm does not get there.
     Reach,
+    /// It would touch something.
+    Collision,
+    /// The caller's own check says no.
+    Caller,
 }
 
 impl Constraint {
@@ -287,7 +293,10 @@ impl Constraint {
             Self::Clearance => "clearance_m",
             Self::Registrability => "registration.registrability",
             Self::Sensor => "sensor (range, incidence)",
-            Self::Reach => "the caller's own check",
+            Self::Support => "support",
+            Self::Reach => "robot (reach, joint limits)",
+            Self::Collision => "robot (collision)",
+            Self::Caller => "the caller's own check",
         }
     }
 }
@@ -321,8 +330,8 @@ impl Objection {
     }
 
     /// A pose that the caller's own check refuses.
-    pub(crate) fn out_of_reach(reason: String) -> Self {
-        Self { constraint: Constraint::Reach, reason }
+    pub(crate) fn of_caller(reason: String) -> Self {
+        Self { constraint: Constraint::Caller, reason }
     }
 
     /// A given view from which a scan was taken.

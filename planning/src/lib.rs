@@ -42,12 +42,14 @@ pub mod overlap;
 pub mod planner;
 pub mod planners;
 pub mod pose;
+pub mod reach;
 pub mod registration;
 pub mod scan;
 pub mod sensor;
 pub mod session;
 pub mod state;
 pub mod stop;
+pub mod support;
 pub mod thin;
 pub mod turntable;
 
@@ -66,9 +68,11 @@ pub use planners::volumetric::{
     Allowed, ExpectedPoint, Forecasts, Hole, Surface, Unseen, ViewForecast, VolumetricConfig, VolumetricPlanner,
     Workspace,
 };
+pub use reach::{Reach, Reached, RobotConfig};
 pub use scan::{Reading, Scan, ScanReport};
 pub use sensor::SensorConfig;
 pub use session::{Session, SessionError};
 pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};
 pub use stop::{Missing, Stop};
+pub use support::{Plane, Support};
 pub use turntable::{TableStop, TurntableConfig};

@@ -7,6 +7,7 @@ use crate::estimate::estimated_scans;
 use crate::normals;
 use crate::registration::Registered;
 use crate::sensor::Dropped;
+use crate::support::Plane;
 use crate::thin;
 use crate::{Budget, CameraPose, Misses, PastScan, Seen, Stopped};
 use geometry::{
@@ -98,6 +99,9 @@ pub struct ScanReport {
     /// Pixels in the middle of a jump in depth.
     #[serde(default)]
     pub mixed_pixels: usize,
+    /// On what the object stands on, or under it.
+    #[serde(default)]
+    pub on_support: usize,
     /// Outside the region of interest.
     pub outside_region: usize,
     /// Dropped as far from all others.
@@ -132,6 +136,7 @@ impl ScanReport {
             (self.out_of_range, "farther away than a million metres"),
             (self.beyond_sensor, "out of the sensor's range"),
             (self.mixed_pixels, "mixed of two depths"),
+            (self.on_support, "of the support"),
             (self.outside_region, "outside the region"),
             (self.duplicates, "given twice"),
             (self.thinned, "thinned out"),
@@ -186,25 +191,37 @@ pub(crate) fn neighborhoods(points: &[Point3<f64>]) -> Neighborhoods {
 pub(crate) fn prepare(
     mut scan: Scan,
     config: &SessionConfig,
+    support: Option<&Plane>,
     budget: &Budget,
 ) -> Result<(PreparedScan, Option<Neighborhoods>), Refusal> {
-    let mut dropped = Dropped::default();
+    let (mut dropped, mut on_support) = (Dropped::default(), 0);
     let raw = match &mut scan {
         Scan::Cloud { cloud, .. } => std::mem::take(cloud),
         Scan::Depth { camera, depth, world_from_camera, .. } => {
             depth.depth.iter_mut().filter(|d| f64::from(**d) > FARTHEST_M).for_each(|d| *d = 0.0);
             dropped = config.sensor.clean(depth, camera);
+            on_support = without_support(depth, camera, world_from_camera, support, config.support_margin_m);
             PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() }
         }
     };
-    let read = raw.len() + dropped.range + dropped.mixed;
-    let mut report =
-        ScanReport { read, beyond_sensor: dropped.range, mixed_pixels: dropped.mixed, ..Default::default() };
+    let read = raw.len() + dropped.range + dropped.mixed + on_support;
+    let mut report = ScanReport {
+        read,
+        beyond_sensor: dropped.range,
+        mixed_pixels: dropped.mixed,
+        on_support,
+        ..Default::default()
+    };
     let finite = |i: &usize| raw.points[*i].iter().all(|x| x.abs() <= FARTHEST_M);
     let mut kept: Vec<usize> = (0..raw.len()).filter(finite).collect();
     let far = |p: &&Point3<f64>| p.iter().all(|x| x.is_finite()) && p.coords.amax() > FARTHEST_M;
     report.out_of_range = raw.points.iter().filter(far).count();
     report.not_finite = raw.len() - kept.len() - report.out_of_range;
+    if let (Scan::Cloud { .. }, Some(plane)) = (&scan, support) {
+        let before = kept.len();
+        kept.retain(|&i| plane.height(&raw.points[i]) > config.support_margin_m);
+        report.on_support = before - kept.len();
+    }
     if let Scan::Cloud { from: Some(from), .. } = &scan {
         let before = kept.len();
         kept.retain(|&i| config.sensor.reaches((raw.points[i] - from).norm()));
@@ -312,6 +329,27 @@ pub(crate) fn prepare(
         },
         near,
     ))
+}
+
+/// Takes what the object stands on out of an image: its pixels show nothing of the object, as those do that show the background.
+fn without_support(
+    image: &mut DepthImage,
+    camera: &PinholeCamera,
+    world_from_camera: &Isometry3<f64>,
+    support: Option<&Plane>,
+    margin: f64,
+) -> usize {
+    let Some(plane) = support else { return 0 };
+    let (columns, [x0, y0]) = (image.size[0].max(1) as usize, image.origin.map(|x| x as usize));
+    let mut taken = 0;
+    for (i, z) in image.depth.iter_mut().enumerate().filter(|(_, z)| **z > 0.0) {
+        let (column, row) = ((x0 + i % columns) as f64, (y0 + i / columns) as f64);
+        if plane.height(&(world_from_camera * camera.unproject(column, row, f64::from(*z)))) <= margin {
+            *z = 0.0;
+            taken += 1;
+        }
+    }
+    taken
 }
 
 /// What a planner may know of a scan with these points; `None` where the camera is unknown.

@@ -20,15 +20,15 @@ use crate::planners::auto::{AutoPlanner, Network};
 use crate::registration::registrability::Demand;
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
-use crate::{Accumulate, Budget, Evidence, Planner, ScanState};
+use crate::{Accumulate, Budget, Evidence, Plane, Planner, Reach, ScanState};
 use geometry::PointCloud;
 use nalgebra::{Isometry3, Point3};
-use placing::Cell;
+use placing::{Armed, Cell};
 use ranking::{Ranking, rank};
 use std::sync::Arc;
 
 pub use error::SessionError;
-pub use request::{Reach, Request};
+pub use request::{ReachCheck, Request};
 
 /// A camera within this share of the working distance of a given view has scanned from there.
 const SAME_PLACE: f64 = 2e-3;
@@ -50,6 +50,10 @@ pub struct Session {
     /// Where scans were taken that could not be registered onto the cloud as it is now.
     unregistered: Vec<Point3<f64>>,
     truth: Option<Truth>,
+    /// What the object stands on, once it is known.
+    support: Option<Plane>,
+    /// The arm, made ready.
+    reach: Option<Arc<Reach>>,
 }
 
 /// Samples of the true surface, for [`Accumulate::Matched`] alone.
@@ -94,6 +98,8 @@ impl Session {
             offsets: Vec::new(),
             unregistered: Vec::new(),
             truth,
+            support: None,
+            reach: None,
         };
         session.place_views();
         session
@@ -152,7 +158,9 @@ impl Session {
         let scan = self.on_table(scan, &reading)?;
         let least = self.config.min_points;
         let refused = |refusal| SessionError::refused(refusal, least, &reading);
-        let (mut prepared, near) = prepare(scan, &self.config, budget).map_err(refused)?;
+        let support = self.support.or_else(|| self.find_support(&scan));
+        let (mut prepared, near) = prepare(scan, &self.config, support.as_ref(), budget).map_err(refused)?;
+        self.support = support;
         prepared.reading = reading;
         self.register(&mut prepared)?;
         self.unregistered.clear();
@@ -168,6 +176,7 @@ impl Session {
     /// Takes the last scan back; false if there is none.
     pub fn undo(&mut self) -> bool {
         let had_one = self.scans.pop().is_some();
+        self.support = self.support.filter(|_| !self.scans.is_empty());
         self.offsets.truncate(self.scans.len());
         self.rebuild();
         had_one
@@ -175,6 +184,7 @@ impl Session {
 
     /// Forgets all scans.
     pub fn reset(&mut self) {
+        self.support = None;
         self.scans.clear();
         self.offsets.clear();
         self.unregistered.clear();
@@ -250,6 +260,9 @@ impl Session {
             current,
             visited,
         };
+        let avoid = self.config.robot.as_ref().is_some_and(|r| r.avoid_unknown);
+        let expected = if avoid { self.planners.expected_surface(choice.planner) } else { Vec::new() };
+        let expected = expected.into_iter().map(|(point, _)| point).collect();
         let cell = Cell {
             config: &self.config,
             state: &self.state,
@@ -257,11 +270,13 @@ impl Session {
             known,
             scanned,
             table_deg,
+            support: self.support,
+            arm: self.reach.as_deref().map(|reach| Armed::new(reach, &self.state.cloud.points, expected)),
             predicts: choice.planner == PlannerName::Volumetric,
             scans: num_scans,
             demand: Demand::on(&self.state, &config.registration),
             unregistered: &self.unregistered,
-            reach: request.reach.as_ref(),
+            check: request.reach.as_ref(),
         };
         let mut candidates: Vec<Candidate> =
             cell.candidates(ranked).take_while(|_| budget.allows(true).is_ok()).collect();
@@ -292,6 +307,7 @@ impl Session {
             cloud: self.summary(boundary),
             surface,
             missing,
+            support: self.support,
             complete,
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
             warnings: self.warnings(next.as_ref(), &candidates),

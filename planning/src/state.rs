@@ -1,7 +1,7 @@
 //! What a policy may see.
 
 use crate::estimate::Trust;
-use crate::{Budget, SensorConfig};
+use crate::{Budget, Plane, SensorConfig};
 use geometry::neighbors::{NeighborGrid, Neighborhoods};
 use geometry::{DepthImage, PinholeCamera, PointCloud, View};
 use nalgebra::{Isometry3, Point3};
@@ -81,6 +81,8 @@ pub struct ScanState {
     pub camera: PinholeCamera,
     /// What that camera measures.
     pub sensor: SensorConfig,
+    /// What the object stands on: it does not reach below.
+    pub support: Option<Plane>,
     /// Poses that the next view is chosen from (`world_from_camera`); empty: views at the boundary of the cloud.
     pub given_views: Arc<[Isometry3<f64>]>,
     /// How long the decision may take: asked between views.

@@ -6,7 +6,7 @@ use formats::config::{load, overlaid};
 use geometry::{Lens, PointCloud};
 use infer::load::{DepthCamera, Loaded};
 use nalgebra::{Isometry3, Point3};
-use planning::session::{Reach, Request};
+use planning::session::{ReachCheck, Request};
 use planning::{Budget, Misses, Reading, Scan, SessionConfig};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -44,8 +44,8 @@ fn misses(text: Option<&str>, usual: Misses) -> Result<Misses, Fault> {
 }
 
 /// Asks Python whether a pose can be reached. What that raises is kept, and nothing is asked any more.
-fn asking(check: Py<PyAny>, raised: Arc<Mutex<Option<PyErr>>>) -> Reach {
-    Reach::new(move |pose| {
+fn asking(check: Py<PyAny>, raised: Arc<Mutex<Option<PyErr>>>) -> ReachCheck {
+    ReachCheck::new(move |pose| {
         if lock(&raised).is_some() {
             return None;
         }

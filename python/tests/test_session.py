@@ -184,7 +184,7 @@ def test_what_the_arm_cannot_reach_is_ruled_out(sheet):
     view = session.next_view(reachable=reachable)
     assert len(asked) == sum(not c.objections for c in free.candidates)
     assert asked[0].shape == (4, 4) and view.world_from_camera[2, 3] > 0
-    reasons = {o.reason for c in view.candidates for o in c.objections if o.constraint == "reach"}
+    reasons = {o.reason for c in view.candidates for o in c.objections if o.constraint == "caller"}
     assert "joint 4 at its limit" in reasons
     assert session.next_view(reachable=lambda pose: None) == free
     assert session.next_view(reachable=lambda pose: False).next is None

@@ -18,7 +18,7 @@ pub struct PoseFile {
 }
 
 /// A pose from tx,ty,tz,qx,qy,qz,qw, from a file with one, or, as FILE:NAME or FILE:INDEX, from one with several.
-pub(super) fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
+pub fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
     if let Ok([x, y, z, qx, qy, qz, qw]) = crate::args::numbers::<7>(text) {
         let pose = from_quaternion([qx, qy, qz, qw], [x, y, z]).map_err(anyhow::Error::msg);
         return Ok((pose.with_context(|| format!("--pose {text}"))?, None));

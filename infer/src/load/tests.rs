@@ -126,8 +126,7 @@ fn one_pose_of_several_is_asked_for_by_name_or_number() {
     let path = dir.path().join("poses.log");
     let matrix = |z: i32| format!("1 0 0 0\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
     std::fs::write(&path, format!("5 5 6\n{}6 6 7\n{}", matrix(3), matrix(4))).expect("written");
-    let at =
-        |suffix: &str| poses::read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
+    let at = |suffix: &str| read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
     assert_eq!((at(":0").ok(), at(":1").ok(), at(":6").ok()), (Some(3.0), Some(4.0), Some(4.0)));
     let several = format!("{:#}", at("").expect_err("which?"));
     assert!(several.contains("found 2 poses") && several.contains("poses.log:0 to 1"), "{several}");

@@ -63,9 +63,9 @@ impl From<SessionError> for Refusal {
             SessionError::TooFewPoints { .. } => (422, "too_few_points"),
             SessionError::TooSmall { .. } => (422, "too_small"),
             SessionError::Unregistered { .. } => (422, "unregistered"),
-            SessionError::NoTurntable(_) => (400, "no_turntable"),
             SessionError::Plan(_) => (422, "planner_failed"),
             SessionError::NoCurrentPosition => (422, "no_current_position"),
+            SessionError::NoTurntable(_) => (422, "no_turntable"),
             SessionError::Stopped(Stopped::Late) => return Self::late(),
             SessionError::Stopped(Stopped::Cancelled) => return Self::stopping(),
         };

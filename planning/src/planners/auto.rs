@@ -211,8 +211,8 @@ impl AutoPlanner {
     }
 
     /// The surface expected where nothing is known yet ([`VolumetricPlanner::expected_surface`]).
-    pub fn expected_surface(&self) -> Vec<ExpectedPoint> {
-        self.volumetric.expected_surface()
+    pub fn expected_surface(&self, planner: PlannerName) -> Vec<ExpectedPoint> {
+        if planner == PlannerName::Volumetric { self.volumetric.expected_surface() } else { Vec::new() }
     }
 
     /// The views of the planner chosen.

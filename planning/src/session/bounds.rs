@@ -20,6 +20,7 @@ impl Session {
     /// is as it was before.
     pub fn restore(&mut self, scans: usize) {
         self.scans.truncate(scans);
+        self.support = self.support.filter(|_| scans > 0);
         self.planners.reset();
         self.rebuild();
     }

@@ -3,11 +3,9 @@
 use super::Session;
 use crate::answer::{Candidate, length};
 use crate::doubt;
+use crate::support::STANDING;
 use geometry::PointCloud;
 use nalgebra::Point3;
-
-/// Share of the points at one height, the lowest, from which on the object seems to stand there.
-const STANDING: f64 = 0.08;
 
 impl Session {
     /// Holds each scan that was not yet against those before it.
@@ -53,6 +51,7 @@ impl Session {
         }
         if let Some(next) = next
             && self.config.constraints.floor_height_m.is_none()
+            && self.support.is_none()
         {
             let up = self.config.constraints.up();
             let height = |p: &Point3<f64>| p.coords.dot(&up);
@@ -64,7 +63,7 @@ impl Session {
             if camera < lowest && standing > STANDING * points.len() as f64 {
                 doubts.push(format!(
                     "the camera would be {} below the lowest measured points, a plane that the object seems to stand on: if \
-                     so, constraints.floor_height_m={lowest:.3}",
+                     so, constraints.floor_height_m={lowest:.3}, or --support auto where scans show it",
                     length(lowest - camera)
                 ));
             }

@@ -65,6 +65,7 @@ impl Session {
             tolerance: config.tolerance_m,
             camera: config.camera.camera(),
             sensor: config.sensor,
+            support: self.support,
             given_views: Arc::clone(&self.given_views),
             near: OnceLock::new(),
             budget: Budget::default(),

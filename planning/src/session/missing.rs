@@ -14,7 +14,8 @@ impl Session {
     /// Points of the surface that was expected where nothing is known, when this answer was given; none where its planner does
     /// not make that out. World frame, about a voxel apart.
     pub fn expected_surface(&self, answer: &Answer) -> Vec<ExpectedPoint> {
-        if answer.planner == PlannerName::Volumetric.as_str() { self.planners.expected_surface() } else { Vec::new() }
+        let volumetric = answer.planner == PlannerName::Volumetric.as_str();
+        if volumetric { self.planners.expected_surface(PlannerName::Volumetric) } else { Vec::new() }
     }
 
     /// What the planner that has just answered finds missing, and the surface with it; `None` where it does not make that out.
@@ -33,6 +34,8 @@ impl Session {
             candidates.iter().filter(|c| c.objections.is_empty()).map(|c| (c.rank, pose(c))).collect();
         // Where the camera may go in the end, not with the next move.
         cell.limits = ConstraintsConfig { max_travel_m: None, visited_radius_m: None, ..cell.limits };
+        // Thousands of views: an arm is asked about the candidates alone.
+        cell.arm = None;
         let others = |view: &View| cell.place(view, &cell.pose(view, None), None, None).objections.is_empty();
         let any_other = self.given_views.is_empty();
         let allowed = Allowed { candidates: &allowed, others: any_other.then_some(&others) };

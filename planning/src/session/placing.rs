@@ -1,18 +1,19 @@
 //! A planner's views as candidates: where the camera stands in the cell, where a turntable stops, and what speaks against each.
 
 use super::registering::unregistrable;
-use super::{Reach, SAME_PLACE};
+use super::{ReachCheck, SAME_PLACE};
 use crate::answer::Candidate;
 use crate::config::SessionConfig;
-use crate::constraints::{ConstraintsConfig, Objection, Surroundings};
+use crate::constraints::{Box3, Constraint, ConstraintsConfig, Objection, Surroundings};
 use crate::overlap;
 use crate::pose::{Pose, world_from_camera};
+use crate::reach::{Hindrance, Obstacles, Reach, Reached};
 use crate::registration::Frame;
 use crate::registration::registrability::Demand;
 use crate::turntable::TableStop;
-use crate::{RankedView, ScanState};
-use geometry::View;
-use nalgebra::{Isometry3, Point3};
+use crate::{Plane, RankedView, ScanState};
+use geometry::{NeighborGrid, View};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// What the views of one decision are held against.
 pub(super) struct Cell<'a> {
@@ -25,6 +26,8 @@ pub(super) struct Cell<'a> {
     pub scanned: Vec<Point3<f64>>,
     /// The table's angle at the last scan, degrees.
     pub table_deg: f64,
+    pub support: Option<Plane>,
+    pub arm: Option<Armed<'a>>,
     /// Whether the planner predicts what a view sees.
     pub predicts: bool,
     pub scans: usize,
@@ -32,14 +35,15 @@ pub(super) struct Cell<'a> {
     pub demand: Option<(Demand, Frame)>,
     /// Cameras whose scans could not be registered onto the cloud as it is.
     pub unregistered: &'a [Point3<f64>],
-    /// What who asks knows of the arm.
-    pub reach: Option<&'a Reach>,
+    /// The caller's own check.
+    pub check: Option<&'a ReachCheck>,
 }
 
 /// A view in the cell.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Placed {
     pub table: Option<TableStop>,
+    pub reached: Option<Reached>,
     pub objections: Vec<Objection>,
     /// Taken off its score.
     pub cost: f64,
@@ -71,8 +75,8 @@ impl Cell<'_> {
             if placed.objections.is_empty() {
                 let table = self.config.turntable.as_ref().zip(placed.table.as_ref());
                 let in_cell = table.map(|(table, stop)| table.cell_from_object(stop.stop_deg) * pose);
-                let why_not = self.reach.and_then(|reach| reach.why_not(&in_cell.unwrap_or(pose)));
-                placed.objections.extend(why_not.map(Objection::out_of_reach));
+                let why_not = self.check.and_then(|check| check.why_not(&in_cell.unwrap_or(pose)));
+                placed.objections.extend(why_not.map(Objection::of_caller));
             }
             Candidate {
                 rank: 0,
@@ -83,6 +87,7 @@ impl Cell<'_> {
                 working_distance_m: *distance,
                 world_from_camera: Pose::from(&pose),
                 table: placed.table,
+                reached: placed.reached,
                 expected_gain: ranked.gain,
                 expected_overlap: overlap,
                 objections: placed.objections,
@@ -104,7 +109,7 @@ impl Cell<'_> {
     /// against; of those at the one that costs least, and then the nearest to where the table stands.
     pub fn place(&self, view: &View, pose: &Isometry3<f64>, overlap: Option<f64>, given: Option<usize>) -> Placed {
         let Some(table) = &self.config.turntable else {
-            return self.place_in_cell(view, view, pose, overlap);
+            return self.place_in_cell(view, view, pose, &Isometry3::identity(), overlap);
         };
         let stops = table.stops();
         // Given views are of one stop each, the stops in their order.
@@ -120,7 +125,7 @@ impl Cell<'_> {
             let cell_from_object = table.cell_from_object(stop_deg);
             let pose = cell_from_object * pose;
             let in_cell = View { target: cell_from_object * view.target, position: cell_from_object * view.position };
-            let mut placed = self.place_in_cell(view, &in_cell, &pose, overlap);
+            let mut placed = self.place_in_cell(view, &in_cell, &pose, &cell_from_object, overlap);
             placed.table = Some(TableStop { stop_deg, cell_from_camera: Pose::from(&pose) });
             placed
         });
@@ -132,11 +137,79 @@ impl Cell<'_> {
         placed.reduce(|best, next| if order(&next, &best).is_lt() { next } else { best }).unwrap_or_default()
     }
 
-    fn place_in_cell(&self, view: &View, in_cell: &View, _pose: &Isometry3<f64>, overlap: Option<f64>) -> Placed {
+    fn place_in_cell(
+        &self,
+        view: &View,
+        in_cell: &View,
+        cell_from_camera: &Isometry3<f64>,
+        cell_from_object: &Isometry3<f64>,
+        overlap: Option<f64>,
+    ) -> Placed {
         // A camera that stands still does not travel.
         let moves = self.config.turntable.as_ref().is_none_or(|t| t.cell_from_camera.is_none());
-        let objections = self.limits.objections_in_cell(view, in_cell, overlap, &self.known);
-        let cost = if moves { self.limits.travel_cost(in_cell, &self.known) } else { 0.0 };
-        Placed { table: None, objections, cost }
+        let mut objections = self.limits.objections_in_cell(view, in_cell, overlap, &self.known);
+        if let Some(height) = self.support.map(|plane| plane.height(&view.position)).filter(|h| *h <= 0.0) {
+            let reason = format!("camera {:.3} m under what the object stands on", -height);
+            objections.push(Objection { constraint: Constraint::Support, reason });
+        }
+        let mut cost = if moves { self.limits.travel_cost(in_cell, &self.known) } else { 0.0 };
+        let mut reached = None;
+        // An arm is not asked about what is ruled out already.
+        if let Some(arm) = self.arm.as_ref().filter(|_| objections.is_empty()) {
+            let floor = self.limits.floor_height_m.map(|height| (self.limits.up(), height));
+            match arm.to(cell_from_camera, cell_from_object, &self.limits.keep_out_m, floor) {
+                Ok(found) => {
+                    cost += arm.reach.cost(&found);
+                    reached = Some(found);
+                }
+                Err(hindrance) => objections.push(Objection::of_arm(&hindrance)),
+            }
+        }
+        Placed { table: None, reached, objections, cost }
+    }
+}
+
+/// An arm among what it may touch, in the object's frame.
+pub(super) struct Armed<'a> {
+    pub reach: &'a Reach,
+    measured: &'a [Point3<f64>],
+    expected: Vec<Point3<f64>>,
+    grids: [NeighborGrid; 2],
+}
+
+impl<'a> Armed<'a> {
+    /// With the measured points, and those where surface is expected in unknown space.
+    pub fn new(reach: &'a Reach, measured: &'a [Point3<f64>], expected: Vec<Point3<f64>>) -> Self {
+        /// About as wide as the balls that links are made of.
+        const CELL_M: f64 = 0.05;
+        let grids = [NeighborGrid::new(measured, CELL_M), NeighborGrid::new(&expected, CELL_M)];
+        Self { reach, measured, expected, grids }
+    }
+
+    fn to(
+        &self,
+        cell_from_camera: &Isometry3<f64>,
+        cell_from_object: &Isometry3<f64>,
+        boxes: &[Box3],
+        floor: Option<(Vector3<f64>, f64)>,
+    ) -> Result<Reached, Hindrance> {
+        let points = |points: &'a [Point3<f64>], grid| Some((points, grid)).filter(|_| !points.is_empty());
+        let obstacles = Obstacles {
+            measured: points(self.measured, &self.grids[0]),
+            expected: Some((&self.expected[..], &self.grids[1])).filter(|_| !self.expected.is_empty()),
+            boxes,
+            floor,
+        };
+        self.reach.to(cell_from_camera, &obstacles, cell_from_object)
+    }
+}
+
+impl Objection {
+    fn of_arm(hindrance: &Hindrance) -> Self {
+        let constraint = match hindrance {
+            Hindrance::Unreached(_) => Constraint::Reach,
+            Hindrance::Collision(..) => Constraint::Collision,
+        };
+        Self { constraint, reason: hindrance.describe() }
     }
 }

@@ -13,7 +13,7 @@ pub struct Request {
     /// How long it may take.
     pub budget: Budget,
     /// What the arm can reach, where who asks knows.
-    pub reach: Option<Reach>,
+    pub reach: Option<ReachCheck>,
 }
 
 /// Why the camera cannot go to a pose, if it cannot.
@@ -21,9 +21,9 @@ type WhyNot = dyn Fn(&Isometry3<f64>) -> Option<String> + Send + Sync;
 
 /// Asked of each view that nothing else rules out.
 #[derive(Clone)]
-pub struct Reach(Arc<WhyNot>);
+pub struct ReachCheck(Arc<WhyNot>);
 
-impl Reach {
+impl ReachCheck {
     /// As `why_not` says of a pose (`world_from_camera`).
     pub fn new(why_not: impl Fn(&Isometry3<f64>) -> Option<String> + Send + Sync + 'static) -> Self {
         Self(Arc::new(why_not))
@@ -34,8 +34,8 @@ impl Reach {
     }
 }
 
-impl fmt::Debug for Reach {
+impl fmt::Debug for ReachCheck {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Reach")
+        f.write_str("ReachCheck")
     }
 }

@@ -1,8 +1,9 @@
 //! Views that are given, and the turntable that they, and scans, turn on.
 
 use super::{Session, SessionError};
-use crate::{Reading, Scan};
+use crate::{Plane, Reach, Reading, Scan, Support, support};
 use nalgebra::Isometry3;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 impl Session {
@@ -15,13 +16,37 @@ impl Session {
         self.ranking = None;
     }
 
-    /// The given views in the object's frame.
+    /// The given views in the object's frame, and the arm, as the settings have them.
     pub(super) fn place_views(&mut self) {
         self.given_views = match &self.config.turntable {
             Some(table) => table.views(&self.taught).into(),
             None => Arc::clone(&self.taught),
         };
         self.state.given_views = Arc::clone(&self.given_views);
+        self.reach = self.config.robot.as_ref().map(|robot| Arc::new(Reach::new(robot)));
+    }
+
+    /// What the object stands on: given, or found in a first scan.
+    pub(super) fn find_support(&self, scan: &Scan) -> Option<Plane> {
+        match self.config.support {
+            Support::None => None,
+            Support::Plane(plane) => Some(plane),
+            Support::Auto => {
+                let points = match scan {
+                    Scan::Cloud { cloud, .. } => Cow::Borrowed(&cloud.points),
+                    Scan::Depth { camera, depth, world_from_camera, .. } => {
+                        Cow::Owned(depth.to_points(camera, world_from_camera))
+                    }
+                };
+                let tolerance = self.config.tolerance_m.max(0.5 * self.config.support_margin_m);
+                support::find(&points, &self.config.constraints.up(), tolerance, self.config.seed)
+            }
+        }
+    }
+
+    /// What the object stands on, as far as it is known.
+    pub fn support(&self) -> Option<Plane> {
+        self.support
     }
 
     /// The table's angle at the last scan that tells it, degrees.

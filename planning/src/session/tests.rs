@@ -112,7 +112,7 @@ fn what_the_arm_cannot_reach_is_ruled_out_with_the_callers_reason() {
     let best = free.next.clone().expect("a view");
     let (asked, at) = (Arc::new(AtomicUsize::new(0)), best.position_m);
     let count = Arc::clone(&asked);
-    let reach = Reach::new(move |pose| {
+    let reach = ReachCheck::new(move |pose| {
         count.fetch_add(1, Ordering::Relaxed);
         let here: [f64; 3] = pose.translation.vector.into();
         (here == at).then(|| "joint 4 at its limit".to_owned())
@@ -122,9 +122,9 @@ fn what_the_arm_cannot_reach_is_ruled_out_with_the_callers_reason() {
     assert_eq!(asked.load(Ordering::Relaxed), allowed, "those that are ruled out anyway are not asked about");
     let refused = answer.candidates.iter().find(|c| c.position_m == best.position_m).expect("listed");
     let reason = "joint 4 at its limit".to_owned();
-    assert_eq!(refused.objections, [Objection { constraint: Constraint::Reach, reason }]);
+    assert_eq!(refused.objections, [Objection { constraint: Constraint::Caller, reason }]);
     assert_eq!(answer.next.expect("another view").position_m, free.candidates[1].position_m);
-    let nowhere = Request { reach: Some(Reach::new(|_| Some("no arm".to_owned()))), ..Default::default() };
+    let nowhere = Request { reach: Some(ReachCheck::new(|_| Some("no arm".to_owned()))), ..Default::default() };
     let answer = session.next_view_for(&nowhere).expect("an answer");
     assert!(answer.next.is_none() && answer.stop.stop, "nothing is left");
     assert!(answer.no_view_reason().contains("the caller's own check excludes"), "{}", answer.no_view_reason());

@@ -44,6 +44,10 @@ impl Session {
         if far > 0 {
             warnings.push(format!("left out {far} points farther away than {FARTHEST_M:.0e} m: marks for no return?"));
         }
+        if self.config.support == crate::Support::Auto && self.support.is_none() {
+            let nothing = "support = auto: the first scan shows no plane that the object stands on (level to 30 degrees, beyond it to all sides): all is the object";
+            warnings.push(nothing.to_owned());
+        }
         let (beyond, mixed) = (total(|r| r.beyond_sensor), total(|r| r.mixed_pixels));
         if beyond > 0 {
             warnings.push(format!(

@@ -78,6 +78,9 @@ impl VolumetricPlanner {
                 }
             }
         }
+        if let Some(plane) = &state.support {
+            grid.carve_below(plane);
+        }
         grid
     }
 

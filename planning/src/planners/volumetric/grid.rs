@@ -4,7 +4,7 @@
 //! bounds test.
 
 use super::membrane::Membrane;
-use crate::{Misses, PastScan, Seen};
+use crate::{Misses, PastScan, Plane, Seen};
 use geometry::{DepthImage, PinholeCamera, PointCloud};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -184,6 +184,17 @@ impl VoxelGrid {
             Seen::Points(points) => {
                 self.carve_rays(&Point3::from(scan.world_from_camera.translation.vector), points);
                 points.iter().for_each(|p| self.mark_surface(p));
+            }
+        }
+        self.forget_known();
+    }
+
+    /// The object does not reach below what it stands on.
+    pub(super) fn carve_below(&mut self, plane: &Plane) {
+        for k in 0..self.unknown.len() {
+            let i = self.unknown[k];
+            if plane.height(&self.middle(i)) < 0.0 {
+                Self::free(&mut self.code, &mut self.membrane, i as usize);
             }
         }
         self.forget_known();

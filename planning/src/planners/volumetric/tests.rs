@@ -35,6 +35,7 @@ fn ball(misses: Misses) -> ScanState {
         reach: 0.002,
         camera,
         sensor: Default::default(),
+        support: None,
         given_views: Default::default(),
         near: Default::default(),
         budget: Default::default(),

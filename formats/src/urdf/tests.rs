@@ -1,0 +1,155 @@
+use super::*;
+use nalgebra::{Matrix4, Rotation3};
+use planning::pose::Pose;
+use planning::reach::{MOST_JOINTS, Reach, RobotConfig, Solution};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::time::{Duration, Instant};
+
+const ARMS: [(&str, &str); 3] = [("ur5e", "tool0"), ("panda", "panda_link8"), ("six_axis", "flange")];
+
+fn file(name: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../samples/robots").join(format!("{name}.urdf"))
+}
+
+fn reach(name: &str, tool: &str) -> Reach {
+    let read = read_urdf(&file(name), tool).expect("an arm");
+    assert!(read.notes.is_empty(), "{:?}", read.notes);
+    let config = RobotConfig {
+        flange_from_camera: Some(Pose::from(&Isometry3::identity()).matrix),
+        arm: read.arm,
+        ..Default::default()
+    };
+    config.check().expect("in range");
+    Reach::new(&config)
+}
+
+fn drawn(reach: &Reach, rng: &mut ChaCha8Rng) -> [f64; MOST_JOINTS] {
+    std::array::from_fn(|k| reach.limits().get(k).map_or(0.0, |[low, high]| rng.random_range(*low..*high)))
+}
+
+fn step(x: f64, angle: f64) -> Matrix4<f64> {
+    Rotation3::from_axis_angle(&Vector3::x_axis(), angle)
+        .to_homogeneous()
+        .append_translation(&Vector3::new(x, 0.0, 0.0))
+}
+
+fn turn(angle: f64, z: f64) -> Matrix4<f64> {
+    Rotation3::from_axis_angle(&Vector3::z_axis(), angle)
+        .to_homogeneous()
+        .append_translation(&Vector3::new(0.0, 0.0, z))
+}
+
+#[test]
+fn flanges_are_where_the_published_tables_have_them() {
+    let quarter = std::f64::consts::FRAC_PI_2;
+    // Denavit and Hartenberg's: d, a, alpha; the base of ROS is half a turn away.
+    let ur5e = [
+        (0.1625, 0.0, quarter),
+        (0.0, -0.425, 0.0),
+        (0.0, -0.3922, 0.0),
+        (0.1333, 0.0, quarter),
+        (0.0997, 0.0, -quarter),
+        (0.0996, 0.0, 0.0),
+    ];
+    // Modified: a and alpha before the turn, d after it.
+    let panda = [
+        (0.0, 0.0, 0.333),
+        (0.0, -quarter, 0.0),
+        (0.0, quarter, 0.316),
+        (0.0825, quarter, 0.0),
+        (-0.0825, -quarter, 0.384),
+        (0.0, quarter, 0.0),
+        (0.088, quarter, 0.0),
+    ];
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    for _ in 0..200 {
+        let arm = reach("ur5e", "tool0");
+        let q = drawn(&arm, &mut rng);
+        let of_table =
+            |t: Matrix4<f64>, (k, (d, a, alpha)): (usize, &(f64, f64, f64))| t * turn(q[k], *d) * step(*a, *alpha);
+        let table: Matrix4<f64> = ur5e.iter().enumerate().fold(turn(std::f64::consts::PI, 0.0), of_table);
+        let off = (arm.camera(&q).to_homogeneous() - table).amax();
+        assert!(off < 1e-9, "UR5e: {off}");
+        let arm = reach("panda", "panda_link8");
+        let q = drawn(&arm, &mut rng);
+        let of_table = |t: Matrix4<f64>, (k, (a, alpha, d)): (usize, &(f64, f64, f64))| {
+            t * step(*a, 0.0) * step(0.0, *alpha) * turn(q[k], *d)
+        };
+        let table: Matrix4<f64> = panda.iter().enumerate().fold(Matrix4::identity(), of_table) * turn(0.0, 0.107);
+        let off = (arm.camera(&q).to_homogeneous() - table).amax();
+        assert!(off < 1e-9, "Panda: {off}");
+    }
+    // With all joints at zero the six-axis arm stands upright with its wrist out.
+    let arm = reach("six_axis", "flange");
+    let flange = arm.camera(&[0.0; MOST_JOINTS]).translation.vector;
+    assert!((flange - Vector3::new(0.302 + 0.072, 0.0, 0.290 + 0.270 + 0.070)).norm() < 1e-9, "{flange}");
+}
+
+/// `IK_POSES=10000 cargo test -p formats --lib -- urdf --nocapture` for the full count.
+#[test]
+fn inverse_kinematics_come_back_by_forward_kinematics() {
+    let poses: usize = std::env::var("IK_POSES").ok().and_then(|n| n.parse().ok()).unwrap_or(200);
+    for (name, tool) in ARMS {
+        let arm = reach(name, tool);
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let (mut solved, mut elsewhere, mut time) = (0usize, 0usize, [Duration::ZERO; 2]);
+        let holds = |solution: &Solution, target: &Isometry3<f64>| {
+            let off = arm.camera(&solution.joints).inverse() * target;
+            let within = |(value, [low, high]): (&f64, &[f64; 2])| value >= low && value <= high;
+            assert!(off.translation.vector.norm() < 2e-5 && off.rotation.angle() < 2e-4, "{name}: {off}");
+            assert!(solution.joints.iter().zip(arm.limits()).all(within), "{name}: beyond its limits");
+        };
+        let first = |target: &Isometry3<f64>| (0..24).find_map(|seed| arm.solve(target, seed));
+        for _ in 0..poses {
+            let target = arm.camera(&drawn(&arm, &mut rng));
+            let clock = Instant::now();
+            let found = first(&target);
+            time[0] += clock.elapsed();
+            if let Some(solution) = found {
+                holds(&solution, &target);
+                solved += 1;
+            }
+            // Anywhere in 3 m, mostly out of reach.
+            let at = Vector3::from_fn(|_, _| rng.random_range(-1.5..1.5));
+            let rotation = UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| rng.random_range(-3.0..3.0)));
+            let target = Isometry3::from_parts(at.into(), rotation);
+            let clock = Instant::now();
+            let found = first(&target);
+            time[1] += clock.elapsed();
+            if let Some(solution) = found {
+                holds(&solution, &target);
+                elsewhere += 1;
+            }
+        }
+        let each = time.map(|t| t / poses as u32);
+        println!(
+            "{name}: {solved} of {poses} reachable poses solved ({:?} each), {elsewhere} of {poses} anywhere in 3 m ({:?} each)",
+            each[0], each[1]
+        );
+        assert!(solved as f64 >= 0.985 * poses as f64, "{name}: {solved} of {poses}");
+        assert!(elsewhere < poses / 2, "{name}: most are out of reach");
+    }
+}
+
+fn refused(text: &str, tool: &str, says: &str) {
+    let error = parse_urdf(Path::new("arm.urdf"), text.as_bytes(), tool).expect_err(says).to_string();
+    assert!(error.contains("arm.urdf") && error.contains(says), "{says}: {error}");
+}
+
+#[test]
+fn what_is_no_serial_arm_is_refused_by_name() {
+    let text = std::fs::read_to_string(file("ur5e")).expect("a sample");
+    refused(&text, "gripper", "no link \"gripper\"");
+    refused(&text, "base_link", "no joint that moves");
+    refused(&text.replace("elbow_joint\" type=\"revolute", "elbow_joint\" type=\"planar"), "tool0", "elbow_joint");
+    refused(&text.replacen("<limit ", "<limits ", 1), "tool0", "shoulder_pan_joint");
+    refused(&text.replacen("radius=\"0.08\"", "radius=\"wide\"", 1), "tool0", "base_link");
+    refused(&text.replacen("</robot>", "", 1), "tool0", "<robot> that is never closed");
+    refused(&text.replacen("</link>", "</lnk>", 1), "tool0", "line 7");
+    refused("<robot xmlns:xacro=\"x\"><xacro:arm/></robot>", "tool0", "run xacro");
+    refused("plain text", "tool0", "no element");
+    let meshed = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"package://x.stl\"/>", 1);
+    let read = parse_urdf(Path::new("arm.urdf"), meshed.as_bytes(), "tool0").expect("an arm");
+    assert!(read.notes[0].contains("shoulder_link"), "{:?}", read.notes);
+}

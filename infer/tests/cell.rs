@@ -1,0 +1,130 @@
+//! The program in a cell: a turntable, an arm, a calibrated lens, a table.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn sample(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../samples").join(name).display().to_string()
+}
+
+fn infer(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_infer")).args(arguments).output().expect("infer runs")
+}
+
+fn answer(arguments: &[&str]) -> Value {
+    let output = infer(&[arguments, &["--json"]].concat());
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("an answer")
+}
+
+fn error(arguments: &[&str]) -> String {
+    let output = infer(arguments);
+    assert!(!output.status.success());
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_fixed_camera_and_a_turntable_close_the_loop() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let cell = folder.path().join("cell.toml");
+    // 0.9 m away, 30 degrees above the table: right along y, down and forward in x and z.
+    let pose = "[[0.0, 0.5, -0.866, 0.78], [1.0, 0.0, 0.0, 0.0], [0.0, -0.866, -0.5, 0.45], [0.0, 0.0, 0.0, 1.0]]";
+    let text = format!(
+        "working_distance_m = 0.9\n[turntable]\nrange_deg = [0.0, 360.0]\nstep_deg = 45.0\ncell_from_camera = {pose}\n"
+    );
+    std::fs::write(&cell, text).expect("a file");
+    let cell = cell.display().to_string();
+    let output = infer(&["--object", "procedural:3", "--views", "4", "--config", &cell, "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let steps: Vec<Value> = String::from_utf8_lossy(&output.stdout)
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("a step"))
+        .collect();
+    assert_eq!(steps.len(), 5);
+    let mut stops = Vec::new();
+    for step in &steps[1..] {
+        let stop = step["table_stop_deg"].as_f64().expect("a stop");
+        assert!(stop % 45.0 == 0.0 && !stops.contains(&stop), "{stop} after {stops:?}");
+        stops.push(stop);
+        // The camera, turned back with the table, stands where it is.
+        let at = |k: usize| step["world_from_camera"]["translation_m"][k].as_f64().expect("metres");
+        let (sin, cos) = stop.to_radians().sin_cos();
+        let in_cell = [cos * at(0) - sin * at(1), sin * at(0) + cos * at(1), at(2)];
+        let off = in_cell.iter().zip([0.78, 0.0, 0.45]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-6, "{in_cell:?}");
+    }
+    let coverage = |i: usize| steps[i]["coverage"].as_f64().expect("a share");
+    assert!(coverage(4) > coverage(0) + 0.2, "{} to {}", coverage(0), coverage(4));
+    let wrong = error(&["--scan", &sample("scan1.ply"), "--from", "0.8,0.2,0.9", "--table-angle-deg", "30"]);
+    assert!(wrong.contains("table angle of 30 degrees, and no turntable"), "{wrong}");
+    let count = error(&["--config", &cell, "--scan", &sample("scan1.ply"), "--table-angle-deg", "30", "60"]);
+    assert!(count.contains("2 --table-angle-deg for 1 scans"), "{count}");
+    let given =
+        ["--config", &cell, "--scan", &sample("scan1.ply"), "--from", "0.8,0.2,0.9", "--table-angle-deg", "-30"];
+    let next = answer(&given)["next"].clone();
+    assert!(next["table"]["stop_deg"].is_number() && next["table"]["cell_from_camera"]["matrix"].is_array(), "{next}");
+    let session = folder.path().join("kept").display().to_string();
+    assert_eq!(answer(&[&given[..], &["--session", &session]].concat())["next"], next, "kept with its angle");
+    assert_eq!(answer(&["--config", &cell, "--session", &session])["next"], next, "and read again");
+}
+
+#[test]
+fn an_arm_answers_with_joint_values_or_the_reason() {
+    let urdf = sample("robots/ur5e.urdf");
+    let base = "robot.cell_from_base=[[1,0,0,0.55],[0,1,0,0],[0,0,1,-0.2],[0,0,0,1]]";
+    let scan = sample("scan1.ply");
+    let free = ["--scan", &scan, "--from", "0.8,0.2,0.9", "--distance", "0.5"];
+    let arm = ["--robot", &urdf, "--tool", "tool0", "--flange-from-camera", "0,0.05,0.03,0,0,0,1", "--set", base];
+    let with = answer(&[&free[..], &arm].concat());
+    let candidates = with["candidates"].as_array().expect("a list");
+    let next = &with["next"];
+    assert_eq!(next["reached"]["joints"].as_array().map(Vec::len), Some(6), "{next}");
+    let constraints: Vec<&str> = candidates
+        .iter()
+        .flat_map(|c| c["objections"].as_array().expect("a list"))
+        .filter_map(|o| o["constraint"].as_str())
+        .collect();
+    assert!(constraints.contains(&"reach") || constraints.contains(&"collision"), "{constraints:?}");
+    for candidate in candidates {
+        let allowed = candidate["objections"].as_array().is_some_and(Vec::is_empty);
+        assert_eq!(candidate["reached"].is_object(), allowed, "{candidate}");
+    }
+    let text = infer(&[&free[..], &arm].concat());
+    assert!(String::from_utf8_lossy(&text.stdout).contains("joints shoulder_pan_joint"));
+    let wrong =
+        error(&["--scan", &scan, "--robot", &urdf, "--tool", "gripper", "--flange-from-camera", "0,0,0,0,0,0,1"]);
+    assert!(wrong.contains("no link \"gripper\"") && wrong.contains("tool0"), "{wrong}");
+    let bare = error(&["--scan", &scan, "--robot", &urdf, "--tool", "tool0"]);
+    assert!(bare.contains("robot.flange_from_camera") && bare.contains("hand-eye"), "{bare}");
+}
+
+#[test]
+fn a_session_keeps_images_as_they_came_and_undistorts_them_alike() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| -> PathBuf { folder.path().join(name) };
+    let scans = at("scans").display().to_string();
+    let made = infer(&["--object", "procedural:3", "--views", "2", "--export-scans", &scans]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let (image, pose) = (format!("{scans}/depth3.png"), format!("{scans}/depth3.json"));
+    let told: Value = serde_json::from_slice(&std::fs::read(&pose).expect("a pose")).expect("JSON");
+    let [fx, fy, cx, cy] = [0, 1, 2, 3].map(|k| told["intrinsics"][k].as_f64().expect("pixels"));
+    let file = at("camera.yaml");
+    let text = format!(
+        "image_width: 1280\nimage_height: 720\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [{fx}, 0, {cx}, 0, {fy}, {cy}, 0, 0, 1]\n\
+         distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [0.2, -0.1, 0.002, 0.001, 0]\n"
+    );
+    std::fs::write(&file, text).expect("a file");
+    let file = file.display().to_string();
+    let given = ["--depth", &image, "--pose", &pose, "--camera", &file];
+    let once = answer(&given);
+    let plain = answer(&given[..4]);
+    assert_ne!(once["cloud"]["bounding_box_m"], plain["cloud"]["bounding_box_m"], "the lens counts");
+    let session = at("kept").display().to_string();
+    let kept = answer(&[&given[..], &["--session", &session]].concat());
+    assert_eq!(kept["cloud"], once["cloud"], "kept with its lens");
+    let far = answer(
+        &[&given[..], &["--set", "sensor.max_range_m=0.5", "--distance", "0.4", "--set", "min_points=0"]].concat(),
+    );
+    assert!(far["warnings"].to_string().contains("nearer or farther than the sensor measures"), "{far}");
+}
