@@ -44,6 +44,7 @@ impl Reach {
         }
         let (joints, off) = self.descend(target, self.start(seed), true);
         let near = off[0] <= NEAR[0] && off[1] <= NEAR[1];
+        let joints = self.unwound(joints);
         near.then(|| Solution { joints, travel: travel(&self.home(), &joints) })
     }
 
@@ -134,6 +135,18 @@ impl Reach {
         }
         let off = [error.fixed_rows::<3>(0).norm(), error.fixed_rows::<3>(3).norm() / LEVER];
         (joints, off)
+    }
+
+    /// The same pose by whole turns less, where the limits allow it: each joint as near as it can be to where it is.
+    fn unwound(&self, mut joints: Joints) -> Joints {
+        let (turn, home) = (std::f64::consts::TAU, self.home());
+        for (k, [low, high]) in self.limits.iter().enumerate().filter(|(k, _)| self.axes[*k].0 == JointKind::Revolute) {
+            let nearer = joints[k] - turn * ((joints[k] - home[k]) / turn).round();
+            if nearer >= *low && nearer <= *high {
+                joints[k] = nearer;
+            }
+        }
+        joints
     }
 
     fn clamp(&self, joints: &mut Joints) {

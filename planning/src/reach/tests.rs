@@ -49,6 +49,21 @@ fn the_camera_is_where_the_links_put_it() {
 }
 
 #[test]
+fn no_joint_turns_farther_than_it_must() {
+    let mut config = planar(6.28);
+    config.joints = vec![0.1, -0.1];
+    let reach = Reach::new(&config);
+    let mut joints = [0.0; MOST_JOINTS];
+    (joints[0], joints[1]) = (-4.0, 4.5);
+    let pose = reach.camera(&joints);
+    for seed in 0..24 {
+        let Some(found) = reach.solve(&pose, seed) else { continue };
+        let far = |k: usize| (found.joints[k] - config.joints[k]).abs();
+        assert!(far(0) < 3.2 && far(1) < 3.2, "start {seed}: {:?}", &found.joints[..2]);
+    }
+}
+
+#[test]
 fn what_keeps_it_away_is_told() {
     let reach = Reach::new(&planar(3.0));
     let mut joints = [0.0; MOST_JOINTS];
