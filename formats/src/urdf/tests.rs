@@ -69,15 +69,18 @@ fn flanges_are_where_the_published_tables_have_them() {
         let of_table =
             |t: Matrix4<f64>, (k, (d, a, alpha)): (usize, &(f64, f64, f64))| t * turn(q[k], *d) * step(*a, *alpha);
         let table: Matrix4<f64> = ur5e.iter().enumerate().fold(turn(std::f64::consts::PI, 0.0), of_table);
-        let off = (arm.camera(&q).to_homogeneous() - table).amax();
+        let camera: Matrix4<f64> = arm.camera(&q).to_homogeneous();
+        let off = (camera - table).amax();
         assert!(off < 1e-9, "UR5e: {off}");
         let arm = reach("panda", "panda_link8");
         let q = drawn(&arm, &mut rng);
         let of_table = |t: Matrix4<f64>, (k, (a, alpha, d)): (usize, &(f64, f64, f64))| {
             t * step(*a, 0.0) * step(0.0, *alpha) * turn(q[k], *d)
         };
-        let table: Matrix4<f64> = panda.iter().enumerate().fold(Matrix4::identity(), of_table) * turn(0.0, 0.107);
-        let off = (arm.camera(&q).to_homogeneous() - table).amax();
+        let table: Matrix4<f64> =
+            panda.iter().enumerate().fold(Matrix4::<f64>::identity(), of_table) * turn(0.0, 0.107);
+        let camera: Matrix4<f64> = arm.camera(&q).to_homogeneous();
+        let off = (camera - table).amax();
         assert!(off < 1e-9, "Panda: {off}");
     }
     // With all joints at zero the six-axis arm stands upright with its wrist out.
