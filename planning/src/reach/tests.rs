@@ -50,7 +50,7 @@ fn the_camera_is_where_the_links_put_it() {
 
 #[test]
 fn no_joint_turns_farther_than_it_must() {
-    let mut config = planar(6.28);
+    let mut config = planar(6.2);
     config.joints = vec![0.1, -0.1];
     let reach = Reach::new(&config);
     let mut joints = [0.0; MOST_JOINTS];
@@ -128,7 +128,7 @@ fn six() -> RobotConfig {
         xyz_m,
         rpy_rad,
         axis: [0.0, 0.0, 1.0],
-        limits: [-6.28, 6.28],
+        limits: [-6.2, 6.2],
         link: Link { name: format!("link {i}"), balls_m: vec![[0.0, 0.0, 0.0, 0.06]] },
     };
     RobotConfig {
