@@ -207,7 +207,7 @@ impl ScanRequest<'_> {
     /// The scan.
     pub fn into_scan(self, may_read_files: bool) -> Result<Loaded, Refusal> {
         let table_angle_deg = self.table_angle_deg;
-        if table_angle_deg.is_some_and(|angle| !(angle.abs() < 1e6)) {
+        if table_angle_deg.is_some_and(|angle| angle.is_nan() || angle.abs() >= 1e6) {
             return Err(Refusal::new(400, "bad_scan", "table_angle_deg: expected an angle in degrees"));
         }
         let mut loaded = self.read(may_read_files)?;

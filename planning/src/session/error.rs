@@ -22,7 +22,7 @@ pub enum SessionError {
     #[error("too few points to plan on: {}, at least {least} are needed", report.describe())]
     TooFewPoints {
         /// What became of them.
-        report: ScanReport,
+        report: Box<ScanReport>,
         /// The setting `min_points`.
         least: usize,
     },
@@ -77,7 +77,7 @@ impl SessionError {
     /// A scan that cannot be planned on.
     pub(super) fn refused(refusal: Refusal, least: usize, reading: &Reading) -> Self {
         match refusal {
-            Refusal::TooFew(report) => Self::TooFewPoints { report, least },
+            Refusal::TooFew(report) => Self::TooFewPoints { report: Box::new(report), least },
             Refusal::TooSmall(across_m) => {
                 Self::TooSmall { across_m, in_millimetres: reading.metres_per_unit.is_some_and(|m| m < 1.0) }
             }
