@@ -42,3 +42,12 @@ fn numbers_are_refused_with_the_reason() {
     }
     assert!(distances("2..1").is_err(), "falling");
 }
+
+#[test]
+fn scans_are_registered_by_flags() {
+    let parse = |words: &str| Args::from_command_line(words.split(' ').map(OsString::from));
+    let args = parse("infer --scan a b --register refine --pose-error 0.001,0.2").expect("flags");
+    assert_eq!((args.register, args.pose_error), (Some(Register::Refine), Some([0.001, 0.2])));
+    let wrong = parse("infer --scan a --register yes").expect_err("no mode").to_string();
+    assert!(wrong.contains("off, check or refine"), "{wrong}");
+}
