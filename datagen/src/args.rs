@@ -14,7 +14,7 @@ Examples:
   datagen verify runs/data/mine                      every byte against checksums, settings and manifest
   datagen inspect runs/data/mine                     what is inside
 
-A stopped run goes on with the same command. ";
+An interrupted run resumes with the same command. ";
 
 /// Scan meshes in simulation and write training shards of boundary-based next-best-view decisions.
 #[derive(Parser)]

@@ -1,7 +1,7 @@
 //! From a list of objects to a directory of shards.
 //!
 //! One shard per object, named after it, written whole or not at all: what exists is done. So a run that was stopped
-//! at any moment goes on with the same command, and several processes fill one directory, each with its part of
+//! at any moment resumes with the same command, and several processes fill one directory, each with its part of
 //! the list. Nothing that is written depends on the number of threads or the clock, but for `run*.toml`.
 
 mod manifest;

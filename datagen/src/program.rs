@@ -64,7 +64,7 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     };
     let noted = prepared.run.finish(&outcome);
     // What stopped the run comes first: on a full disk its end cannot be noted either.
-    let summary = summary.context("stopped; what is finished stays, and the same command goes on from there")?;
+    let summary = summary.context("stopped; what is finished is kept, and the same command resumes from there")?;
     noted?;
     let seconds = clock.elapsed().as_secs_f64();
     if args.json {
@@ -120,7 +120,7 @@ fn print_summary(summary: &Summary, out: &std::path::Path, seconds: f64) -> Resu
         }
     }
     if summary.left > 0 {
-        let _ = writeln!(text, "stopped: {} objects left; the same command goes on from here", summary.left);
+        let _ = writeln!(text, "stopped: {} objects left; the same command resumes from here", summary.left);
     } else {
         let _ = writeln!(text, "look inside with: datagen inspect {}", out.display());
     }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Runs next-best-view policies on simulated objects and reports the paper's metrics with confidence intervals.
 ///
-/// A run can be stopped at any moment and goes on with the same command. Example:
+/// A run can be stopped at any moment and resumes with the same command. Example:
 ///   evaluate --dataset repository3d --root data/repository3d --policies benbv,see,farthest --out runs/eval/first
 #[derive(Parser)]
 #[command(version = built::VERSION, verbatim_doc_comment, after_help = EXIT_CODES)]

@@ -55,6 +55,7 @@ pub enum JournalError {
 /// A line of the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[expect(clippy::large_enum_variant, reason = "one is held at a time, and nearly all are episodes")]
 pub enum Entry {
     /// First line: hash of the settings that outcomes depend on.
     Settings(String),

@@ -54,7 +54,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     bar.0.finish_and_clear();
     match ended {
         Ended::Stopped { done, left } => {
-            eprintln!("stopped after {done} episodes, {left} left; the same command goes on from here");
+            eprintln!("stopped after {done} episodes, {left} left; the same command resumes from here");
             Ok(ExitCode::from(program::STOPPED))
         }
         Ended::Finished { rows, contents } => summary(args, &rows, &contents).map(|()| ExitCode::SUCCESS),

@@ -99,7 +99,7 @@ pub fn run(
     watch.begun(total, contents.keys().iter().filter(|k| wanted(k)).count());
     let outcome = batches::run(&sources, policies, config, networks, &journal, &mut contents, stop, watch)?;
     if outcome.left > 0 {
-        directory.finish("stopped; the same command goes on")?;
+        directory.finish("stopped; the same command resumes")?;
         return Ok(Ended::Stopped { done: contents.episodes.len(), left: outcome.left });
     }
     contents.episodes.retain(|(r, _)| wanted(&r.key));

@@ -138,7 +138,7 @@ fn outputs_do_not_depend_on_threads_nor_on_a_stop_in_between() {
     let (one, two) = (tempfile::tempdir().expect("dir"), tempfile::tempdir().expect("dir"));
     let never = AtomicBool::new(false);
     let straight = run_into(one.path(), &objects, &config, &policies, 1, &never);
-    // The other run is first made with one object, then its last line is cut off, then it goes on with two threads.
+    // The other run is first made with one object, then its last line is cut off, then it resumes with two threads.
     run_into(two.path(), &objects[..1], &config, &policies, 2, &never);
     let journal = two.path().join("journal.jsonl");
     let text = std::fs::read_to_string(&journal).expect("journal");

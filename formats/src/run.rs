@@ -93,7 +93,7 @@ pub struct Provenance {
     pub threads: usize,
     /// Start, UTC.
     pub started: String,
-    /// End, UTC; absent while the run goes on, and after a kill.
+    /// End, UTC; absent while the run is active, and after a kill.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ended: Option<String>,
     /// How it ended.

@@ -1,4 +1,4 @@
-//! `--session DIR`: a session that goes on from command to command, kept as the service keeps its own.
+//! `--session DIR`: a session that persists from command to command, stored as the service stores its own.
 
 use crate::args::Args;
 use crate::load;

@@ -110,7 +110,7 @@ impl Ask {
             Method::AddScan => {
                 let request: ScanRequest = body.parse()?;
                 if keep && request.file.is_some() && may_read_files {
-                    // What is kept does not depend on what becomes of the file.
+                    // What is kept is independent of the file.
                     let whole = request.with_its_file()?;
                     return Self::parse(method, Body::Whole(&whole), false, true);
                 }

@@ -25,7 +25,7 @@ pub fn decisive_settings(config: &TrainConfig) -> Result<String, TrainError> {
     Ok(formats::config::hash(&decisive).map_err(formats::run::RunError::from)?)
 }
 
-/// Where the run in `dir` stands, which is to go on with this task and these settings.
+/// Where the run in `dir` stands, which is to resume with this task and these settings.
 ///
 /// # Errors
 /// No such run, a damaged one, or one of other settings or data.
@@ -40,7 +40,7 @@ fn check_origin(state: &TrainingState, settings: &str, data: &str, latest: &Path
     let refuse = |problem: String| Err(TrainError::Checkpoint { path: latest.to_path_buf(), problem });
     if state.settings != settings {
         return refuse(
-            "it was made with other settings than asked for now; go on with --resume, which takes those of the run (only \
+            "it was made with other settings than asked for now; resume with --resume, which takes those of the run (only \
              epochs, device, episodes, checkpoint and loader may change), or start a new run in another --out"
                 .into(),
         );

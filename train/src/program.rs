@@ -20,7 +20,7 @@ const EXAMPLES: &str = "\
 Example: datagen --dataset procedural --out runs/data/first && train --config configs/tiny/train.toml --out runs/train/first
 Watch: open index.html in the run's directory, or `tensorboard --logdir runs/train`.
 
-A stopped run goes on with the same command where that names its directory with --out, and with --resume. ";
+An interrupted run resumes with the same command if that names its directory with --out, or with --resume. ";
 
 /// Trains a network that chooses the next best view.
 #[derive(Parser)]
@@ -50,7 +50,7 @@ struct TrainArgs {
     /// Data set (may be repeated: their samples are joined); without it the newest complete one under runs/data
     #[arg(long, value_name = "DIR")]
     data: Vec<PathBuf>,
-    /// Directory of the run; a run that is there goes on [default: runs/train/<time>; with --resume the newest run there]
+    /// Directory of the run; an existing run is resumed [default: runs/train/<time>; with --resume the newest run there]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Go on where the run in --out stopped, with the settings that it was started with

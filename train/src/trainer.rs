@@ -135,7 +135,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
     if !finished {
         info.step = state.step;
         checkpoint::save(&latest, &learner, &info, &state)?;
-        watch.message(state.step, format!("stopped at step {}; --resume goes on from there", state.step))?;
+        watch.message(state.step, format!("stopped at step {}; --resume continues from there", state.step))?;
     }
     watch.flush(true)?;
     let epochs = watch.records().iter().filter_map(|r| if let Record::Epoch(e) = r { Some(e.clone()) } else { None });

@@ -11,7 +11,7 @@ use std::str::FromStr;
 pub const POLICIES: &[(&str, &str)] = &[
     ("benbv", "the paper's model-based search, 20 candidates; knows the object"),
     ("benbv:60", "the same with 20 targets x 3 angles (any multiple of 3, e.g. benbv:300)"),
-    ("benbv:shifted", "yardstick: the search where it does not know at which parts of a pixel its samples will fall"),
+    ("benbv:shifted", "reference: the search where it does not know at which parts of a pixel its samples will fall"),
     ("auto", "what `infer` does by default: the best that the evidence allows"),
     ("benbv-net", "the paper's network; no model of the object (benbv-net:DIR with the checkpoint in DIR)"),
     ("pc-nbv", "PC-NBV over its 33 views at the working distance (pc-nbv:paper: unmasked, 0.3 m farther)"),
@@ -29,18 +29,18 @@ pub const POLICIES: &[(&str, &str)] = &[
     ),
     ("farthest", "largest least angle to all past cameras, on a sphere of 500 views (:R in metres)"),
     ("farthest:60", "the same among BENBV's 60 candidates"),
-    ("volumetric:true", "yardstick: volumetric with true gain and overlap (:true-gain, :true-overlap)"),
-    ("volumetric:shifted", "yardstick: the same as the mean of images shifted by quarter pixels (:shifted-gain, ...)"),
-    ("oracle:20", "yardstick: greedy true gain among BENBV's 20 candidates (any multiple of 3 too)"),
-    ("oracle:60", "yardstick: greedy true gain among 20 targets x 3 angles"),
-    ("oracle:60:0.3", "yardstick: the same with an overlap of at least 0.3"),
-    ("oracle:33", "yardstick: greedy true gain among PC-NBV's 33 views (oracle:33:paper: 0.3 m farther)"),
-    ("oracle:sphere", "yardstick: greedy true gain among 500 views on a sphere"),
+    ("volumetric:true", "reference: volumetric with true gain and overlap (:true-gain, :true-overlap)"),
+    ("volumetric:shifted", "reference: the same as the mean of images shifted by quarter pixels (:shifted-gain, ...)"),
+    ("oracle:20", "reference: greedy true gain among BENBV's 20 candidates (any multiple of 3 too)"),
+    ("oracle:60", "reference: greedy true gain among 20 targets x 3 angles"),
+    ("oracle:60:0.3", "reference: the same with an overlap of at least 0.3"),
+    ("oracle:33", "reference: greedy true gain among PC-NBV's 33 views (oracle:33:paper: 0.3 m farther)"),
+    ("oracle:sphere", "reference: greedy true gain among 500 views on a sphere"),
 ];
 
 /// Those on recorded sequences (`--dataset sequences`).
 pub const RECORDED_POLICIES: &[(&str, &str)] = &[
-    ("oracle", "yardstick: greedy true gain among the scans left"),
+    ("oracle", "reference: greedy true gain among the scans left"),
     ("farthest", "largest least angle to all past cameras"),
     ("auto:depth-with-background", "what `infer` does, told depth images whose misses are free space"),
     ("auto:depth", "the same where misses mean nothing"),

@@ -21,7 +21,7 @@ pub struct Replaced {
 
 /// Where the other forecasts come from.
 pub enum Source<'a> {
-    /// The true surface: a yardstick, no policy.
+    /// The true surface: a reference, not a policy.
     Truth {
         /// The object.
         scene: &'a Scene,

@@ -14,7 +14,7 @@ const GRACE: Duration = Duration::from_secs(5);
 const RATE: f64 = (8 << 20) as f64;
 /// Of a body that is too large, so much is taken in before the answer, bytes ...
 const FORGOTTEN: usize = 256 << 20;
-/// ... as long as it goes on coming, for so long.
+/// ... as long as data keeps arriving, for so long.
 const FORGETTING: Duration = Duration::from_secs(2);
 const PAUSE: Duration = Duration::from_millis(250);
 

@@ -1,4 +1,4 @@
-//! `index.html`: the curves of a run in one file that needs nothing else, written afresh as training goes on.
+//! `index.html`: the curves of a run in one file that needs nothing else, rewritten during training.
 
 use super::record::Record;
 use formats::html::escape;
@@ -8,7 +8,7 @@ use std::fmt::Write;
 /// A named curve.
 type Series<'a> = (&'a str, Vec<(f64, f64)>);
 
-/// The page for these records. While the run goes on (`total_steps` are to be done) it reloads itself every 20 seconds and
+/// The page for these records. While the run is active (`total_steps` are to be done) it reloads itself every 20 seconds and
 /// tells how long it will take.
 pub fn render(title: &str, records: &[Record], total_steps: Option<u64>) -> String {
     let epochs = || records.iter().filter_map(|r| if let Record::Epoch(e) = r { Some(e) } else { None });
