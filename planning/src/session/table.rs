@@ -1,7 +1,7 @@
 //! Views that are given, and the turntable that they, and scans, turn on.
 
 use super::{Session, SessionError};
-use crate::{Plane, Reach, Reading, Scan, Support, support};
+use crate::{Plane, Planner, Reach, Reading, Scan, Support, support};
 use nalgebra::Isometry3;
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -14,6 +14,8 @@ impl Session {
         self.taught = poses.into();
         self.place_views();
         self.ranking = None;
+        // What was expected for other views would be where the next expectation starts from.
+        self.planners.reset();
     }
 
     /// The given views in the object's frame, and the arm, as the settings have them.

@@ -263,3 +263,20 @@ fn copies_are_no_thinning() {
     let warnings = session.next_view().expect("an answer").warnings;
     assert!(warnings[0].contains("800 of 1200 points as equal") && warnings.len() == 1, "{warnings:?}");
 }
+
+#[test]
+fn given_views_are_told_the_same_whatever_was_asked_before() {
+    let views: Vec<Isometry3<f64>> = (0..6)
+        .map(|k| {
+            let (sin, cos) = f64::from(k).sin_cos();
+            let position = Point3::new(0.05 + 0.7 * cos, 0.05 + 0.7 * sin, if k % 2 == 0 { 0.6 } else { -0.6 });
+            View { target: Point3::new(0.05, 0.05, 0.0), position }.world_from_camera()
+        })
+        .collect();
+    let mut fresh = session(40, SessionConfig::default());
+    fresh.set_given_views(views.clone());
+    let mut asked = session(40, SessionConfig::default());
+    asked.next_view().expect("an answer");
+    asked.set_given_views(views);
+    assert_eq!(asked.next_view().expect("an answer"), fresh.next_view().expect("an answer"));
+}
