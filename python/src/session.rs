@@ -126,7 +126,7 @@ impl RobotSession {
         Ok(Self { session: Mutex::new(session), owner: Mutex::default() })
     }
 
-    #[pyo3(signature = (depth, intrinsics, world_from_camera, misses, metres_per_unit))]
+    #[pyo3(signature = (depth, intrinsics, world_from_camera, misses, metres_per_unit, distortion, distortion_model))]
     fn add_depth(
         &self,
         py: Python<'_>,
@@ -135,13 +135,17 @@ impl RobotSession {
         world_from_camera: &Bound<'_, PyAny>,
         misses: Option<&str>,
         metres_per_unit: Option<f64>,
+        distortion: Option<Vec<f64>>,
+        distortion_model: &str,
     ) -> PyResult<String> {
         let pose = arrays::pose("world_from_camera", world_from_camera)?;
         let intrinsics = arrays::intrinsics("intrinsics", intrinsics)?;
         let file = arrays::depth(depth, metres_per_unit)?;
         let usual = self.work(py, |session| Ok(session.config().misses))?;
         let misses = self::misses(misses, usual)?;
-        let camera = DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
+        let lens = distortion.map(|k| Lens::named(distortion_model, &k)).transpose();
+        let lens = lens.map_err(|found| Fault::Value(format!("distortion: found {found}")))?.unwrap_or_default();
+        let camera = DepthCamera { intrinsics, lens, size: None };
         let loaded = infer::load::from_depth_file(file, &camera, pose, misses).map_err(Fault::from)?;
         self.add(py, loaded)
     }

@@ -229,3 +229,23 @@ def test_sessions_are_saved_and_loaded(sheet, tmp_path):
     broken.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="broken.npz"):
         benbv.Session.load(broken)
+
+
+def test_a_lens_is_undone_on_reading():
+    depth = benbv.read_depth(SAMPLES / "depth3.png")
+    (pose,) = benbv.read_poses(SAMPLES / "depth3.json")
+    k = [514.1, 514.1, 640, 360]
+
+    def answer(**lens):
+        session = benbv.Session()
+        session.add_depth(depth, k, pose, misses="free", **lens)
+        return session.next_view()
+
+    plain = answer()
+    assert answer(distortion=[0, 0, 0, 0]) == plain
+    assert answer(distortion=[-0.2, 0.05, 0.001, 0]) != plain
+    assert answer(distortion=[0.1], distortion_model="fisheye") != plain
+    with pytest.raises(ValueError, match="distortion: found 2 coefficients for brown_conrady"):
+        answer(distortion=[0.1, 0.2])
+    with pytest.raises(ValueError, match="model barrel, expected"):
+        answer(distortion=[0.1], distortion_model="barrel")

@@ -22,6 +22,8 @@ class Session:
         world_from_camera: ArrayLike,
         misses: str | None,
         metres_per_unit: float | None,
+        distortion: Sequence[float] | None,
+        distortion_model: str,
     ) -> str: ...
     def add_points(
         self,

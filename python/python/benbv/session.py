@@ -77,7 +77,13 @@ class Session:
         with self._lock:
             if kind == "depth":
                 text = native.add_depth(
-                    a["depth"], a["intrinsics"], a["world_from_camera"], words["misses"], words["metres_per_unit"]
+                    a["depth"],
+                    a["intrinsics"],
+                    a["world_from_camera"],
+                    words["misses"],
+                    words["metres_per_unit"],
+                    words["distortion"],
+                    words["distortion_model"],
                 )
             elif kind == "points":
                 text = native.add_points(a["points"], a.get("origin"), a.get("world_from_camera"), a.get("normals"))
@@ -113,18 +119,27 @@ class Session:
         *,
         misses: str | None = None,
         metres_per_unit: float | None = None,
+        distortion: Sequence[float] | None = None,
+        distortion_model: str = "brown_conrady",
     ) -> ScanReport:
         """Adds a depth image.
 
         `depth` is (height, width); floats are metres and integers millimetres unless `metres_per_unit` says otherwise. 0, NaN
         and the largest integer of the type stand for no return. `intrinsics` is (3, 3), or fx, fy, cx, cy, in pixels; pixel
         (column, row) is sampled at its integer coordinate. `misses`: whether a pixel without a return is `"free"` space or
-        `"unknown"`; by default as the settings say.
+        `"unknown"`; by default as the settings say. `distortion` has the lens's coefficients in OpenCV's order: k1, k2, p1, p2,
+        k3, k4, k5, k6, of which the later ones may be left out, or k1 to k4 with `distortion_model="fisheye"`; the image is
+        undistorted on reading.
         """
         return self._add(
             "depth",
             {"depth": depth, "intrinsics": intrinsics, "world_from_camera": world_from_camera},
-            {"misses": misses, "metres_per_unit": metres_per_unit},
+            {
+                "misses": misses,
+                "metres_per_unit": metres_per_unit,
+                "distortion": None if distortion is None else [float(k) for k in distortion],
+                "distortion_model": distortion_model,
+            },
         )
 
     def add_points(
