@@ -38,6 +38,7 @@ def test_cloud_candidates_and_next_view_are_logged(sheet, logged):
     assert kind == "Arrows3D" and len(words["origins"]) == len(words["colors"]) == len(view.candidates)
     transform, pinhole = entities["benbv/next"]
     assert np.array_equal(transform[2]["translation"], view.world_from_camera[:3, 3])
+    assert type(pinhole[2]["focal_length"]) is float, "Rerun takes no scalars of numpy"
     assert pinhole[2]["focal_length"] == pytest.approx(360 / np.tan(np.radians(35))), "1280 x 720, 70 degrees"
     entities.clear()
     module.log(session, session.next_view(reachable=lambda pose: False), path="cell")

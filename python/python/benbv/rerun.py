@@ -45,8 +45,8 @@ def log(
         return
     pose, camera = view.next.world_from_camera, session.config["camera"]
     rr.log(f"{path}/next", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]), recording=recording)
-    focal = camera["height"] / 2 / np.tan(np.radians(camera["fov_y_deg"]) / 2)
-    focal = (camera.get("intrinsics") or [focal])[0]
+    focal = 0.5 * camera["height"] / np.tan(np.radians(camera["fov_y_deg"]) / 2)
+    focal = float((camera.get("intrinsics") or [focal])[0])
     image = rr.Pinhole(
         focal_length=focal,
         width=camera["width"],
