@@ -86,6 +86,11 @@ impl Session {
         let tell = |ScanRegistration { scan, moved, found }: ScanRegistration| match (&found.refused, moved) {
             (Some(why), false) => Some(format!("scan {scan} was not registered: {why}")),
             _ if found.shift_m < WORTH_TELLING * tolerance => None,
+            (_, false) if !found.converged => Some(format!(
+                "scan {scan} could not be checked against the cloud: its registration did not settle, with {:.0} % of it on known \
+                 surface",
+                100.0 * found.fitness
+            )),
             (_, false) => Some(format!(
                 "scan {scan} fits best {} and {:.2} degrees from where its pose puts it: check the pose, or register \
                  (--register refine)",

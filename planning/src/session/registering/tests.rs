@@ -65,6 +65,15 @@ fn check_says_how_far_it_is_off_and_moves_nothing() {
 }
 
 #[test]
+fn check_does_not_call_a_pose_wrong_by_a_registration_that_did_not_settle() {
+    let (mut session, _) = two_scans(with(Register::Check));
+    session.scans[1].report.registration.as_mut().expect("registered").converged = false;
+    let warnings = session.next_view().expect("a view").warnings;
+    assert!(warnings.iter().any(|w| w.contains("scan 2 could not be checked")), "{warnings:?}");
+    assert!(!warnings.iter().any(|w| w.contains("fits best")), "{warnings:?}");
+}
+
+#[test]
 fn refine_moves_the_scan_and_its_camera() {
     let (mut session, report) = two_scans(with(Register::Refine));
     report.expect("taken").registration.expect("registered");
