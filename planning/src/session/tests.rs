@@ -280,3 +280,15 @@ fn given_views_are_told_the_same_whatever_was_asked_before() {
     asked.set_given_views(views);
     assert_eq!(asked.next_view().expect("an answer"), fresh.next_view().expect("an answer"));
 }
+
+#[test]
+fn the_reason_names_a_hole_that_the_next_view_sees_best_and_no_other() {
+    let mut answer = session(40, SessionConfig::default()).next_view().expect("an answer");
+    let rank = answer.next.as_ref().expect("a view").rank;
+    let holes = &mut answer.missing.as_mut().expect("a back").holes;
+    assert!(!holes.is_empty(), "the back of a sheet");
+    holes.iter_mut().for_each(|hole| hole.best_candidate = None);
+    assert!(!answer.reason().contains("a part"), "{}", answer.reason());
+    answer.missing.as_mut().expect("a back").holes[0].best_candidate = Some(rank);
+    assert!(answer.reason().contains(" across, "), "{}", answer.reason());
+}
