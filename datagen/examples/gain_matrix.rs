@@ -18,7 +18,7 @@ use geometry::sampling::sample_surface;
 use geometry::{PinholeCamera, PointCloud, View};
 use nalgebra::Point3;
 use planning::config::CameraConfig;
-use planning::{Misses, Scan, Session, SessionConfig};
+use planning::{NoReturn, Scan, Session, SessionConfig};
 
 #[derive(Parser)]
 struct Arguments {
@@ -194,7 +194,7 @@ fn look(object: &Object, camera: &PinholeCamera, view: &View, given: Given) -> (
     let points = || PointCloud { points: depth.to_points(camera, &pose), normals: Vec::new() };
     let scan = match given {
         Given::Background | Given::Depth => {
-            let misses = if given == Given::Background { Misses::Free } else { Misses::Unknown };
+            let misses = if given == Given::Background { NoReturn::Free } else { NoReturn::Unknown };
             Scan::Depth { camera: *camera, depth, world_from_camera: pose, misses }
         }
         Given::Positions => Scan::Cloud { cloud: points(), from: Some(view.position) },

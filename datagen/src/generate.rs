@@ -11,7 +11,7 @@ use crate::config::DatagenConfig;
 use crate::dataset::{DatasetError, Object};
 use formats::lock::{LOCK, Lock, LockError};
 use formats::run::{RunDir, RunError};
-use formats::{ConfigError, Fate, FormatError, ObjectRecord};
+use formats::{ConfigError, FormatError, ObjectRecord, ObjectStatus};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -165,7 +165,7 @@ pub fn generate(
             Outcome::Done { record, kept } => {
                 summary.kept += usize::from(kept);
                 summary.made += usize::from(!kept);
-                if let Fate::Done { samples, coverage, void_episodes, .. } = record.fate {
+                if let ObjectStatus::Done { samples, coverage, void_episodes, .. } = record.status {
                     summary.samples += samples;
                     summary.void_episodes += void_episodes;
                     summary.final_coverage += coverage.last().copied().unwrap_or(0.0);

@@ -6,7 +6,9 @@ use formats::frame_history::{Frame, NUM_VIEWS, read_frame_history, write_frame_h
 use formats::lock::LockError;
 use formats::manifest::MANIFEST;
 use formats::shard::SCHEMA_VERSION;
-use formats::{CloudPrecision, Fate, FormatError, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
+use formats::{
+    CloudPrecision, FormatError, Manifest, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardWriter, Split,
+};
 use geometry::View;
 use geometry::density::densities;
 use nalgebra::Point3;
@@ -88,7 +90,7 @@ pub fn import(
             object: object.name.clone(),
             category: object.category.clone(),
             split: object.split,
-            fate: Fate::Done {
+            status: ObjectStatus::Done {
                 shard: format!("shards/{}.safetensors", object.name),
                 samples: samples.len(),
                 coverage: vec![],

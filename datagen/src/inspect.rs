@@ -1,6 +1,6 @@
 //! What is inside a set, so that a person sees at a glance whether the data are sane.
 
-use formats::{Fate, FormatError, Manifest, Sample, ShardReader, Split};
+use formats::{FormatError, Manifest, ObjectStatus, Sample, ShardReader, Split};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
@@ -64,10 +64,10 @@ pub fn inspect(directory: &Path) -> Result<Inspection, FormatError> {
     let mut num_samples = 0;
     for record in manifest.objects {
         *seen.categories.entry(record.category.clone()).or_default() += 1;
-        match record.fate {
-            Fate::Missing => seen.missing += 1,
-            Fate::Skipped { reason } => seen.skipped.push((record.object, reason)),
-            Fate::Done { shard, coverage, overlap, .. } => {
+        match record.status {
+            ObjectStatus::Missing => seen.missing += 1,
+            ObjectStatus::Skipped { reason } => seen.skipped.push((record.object, reason)),
+            ObjectStatus::Done { shard, coverage, overlap, .. } => {
                 coverages.add(&coverage);
                 overlaps.add(&overlap);
                 let path = directory.join(shard);

@@ -2,7 +2,7 @@
 
 use crate::config::DatagenConfig;
 use formats::surface::read_surface;
-use formats::{Fate, FormatError, Manifest, ShardReader};
+use formats::{FormatError, Manifest, ObjectStatus, ShardReader};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -39,10 +39,10 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
     let mut verdict = Verdict::default();
     let mut known = BTreeSet::<PathBuf>::new();
     for record in &manifest.objects {
-        match &record.fate {
-            Fate::Missing => verdict.missing.push(record.object.clone()),
-            Fate::Skipped { .. } => verdict.skipped += 1,
-            Fate::Done { shard, .. } => {
+        match &record.status {
+            ObjectStatus::Missing => verdict.missing.push(record.object.clone()),
+            ObjectStatus::Skipped { .. } => verdict.skipped += 1,
+            ObjectStatus::Done { shard, .. } => {
                 if !known.insert(directory.join(shard)) {
                     verdict.problems.push(format!("{:?}: its shard {shard:?} is another object's too", record.object));
                 }

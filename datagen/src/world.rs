@@ -9,7 +9,7 @@ use geometry::{PointCloud, View, coverage, overlap};
 use nalgebra::{Isometry3, Point3};
 use planning::accumulate::{averaged, reference_surface};
 use planning::config::CameraConfig;
-use planning::{Accumulate, Misses, Scan, ScanReport, Session, SessionConfig, SessionError};
+use planning::{Accumulate, NoReturn, Scan, ScanReport, Session, SessionConfig, SessionError};
 use std::borrow::Cow;
 
 pub(crate) use camera::{ScanCamera, Shot};
@@ -222,8 +222,8 @@ impl<'a> World<'a> {
     fn tell(&mut self, shot: Shot) -> Result<Option<ScanReport>, SessionError> {
         let scan = match self.evidence {
             None => return Ok(None),
-            Some(EpisodeEvidence::DepthWithBackground) => depth_scan(shot, Misses::Free),
-            Some(EpisodeEvidence::Depth) => depth_scan(shot, Misses::Unknown),
+            Some(EpisodeEvidence::DepthWithBackground) => depth_scan(shot, NoReturn::Free),
+            Some(EpisodeEvidence::Depth) => depth_scan(shot, NoReturn::Unknown),
             Some(EpisodeEvidence::CameraPositions) => {
                 let from = Some(Point3::from(shot.world_from_camera.translation.vector));
                 cloud_scan(shot.points, from)
@@ -239,7 +239,7 @@ impl<'a> World<'a> {
     }
 }
 
-fn depth_scan(shot: Shot, misses: Misses) -> Scan {
+fn depth_scan(shot: Shot, misses: NoReturn) -> Scan {
     Scan::Depth { camera: shot.camera, depth: shot.depth, world_from_camera: shot.world_from_camera, misses }
 }
 

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use parry3d::query::{Ray, RayCast};
 use parry3d::shape::TriMesh;
 use planning::config::CameraConfig;
-use planning::{Misses, Scan, Session, SessionConfig, VolumetricPlanner};
+use planning::{NoReturn, Scan, Session, SessionConfig, VolumetricPlanner};
 
 const SAMPLES: usize = 20_000;
 
@@ -78,7 +78,7 @@ fn known_areas_are_those_of_independent_rays() {
                 let pose = view.world_from_camera();
                 let depth =
                     scene.render(&camera, &pose, &RenderConfig::default(), &mut RenderScratch::default()).clone();
-                let scan = Scan::Depth { camera, depth, world_from_camera: pose, misses: Misses::Free };
+                let scan = Scan::Depth { camera, depth, world_from_camera: pose, misses: NoReturn::Free };
                 session.add_scan(scan).expect("a scan");
                 known.iter_mut().zip(seen(&rays, &samples, &view.position)).for_each(|(k, s)| *k |= s);
             }

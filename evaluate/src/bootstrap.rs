@@ -6,7 +6,7 @@ use rand::RngExt;
 
 /// What is drawn again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Over {
+pub enum ResampleUnit {
     /// Episodes, within each object: how far another run of the same objects may lie.
     Episodes,
     /// Objects, each with all its episodes: how far other objects may lie.
@@ -25,16 +25,16 @@ pub struct Interval {
 }
 
 /// Draws with repetition for lists of these sizes, the same for every policy: differences stay paired.
-pub fn draws(sizes: &[usize], over: Over, resamples: usize, seed: u64) -> Vec<Draw> {
+pub fn draws(sizes: &[usize], over: ResampleUnit, resamples: usize, seed: u64) -> Vec<Draw> {
     let mut rng = stream(seed, "bootstrap");
     (0..resamples)
         .map(|_| match over {
-            Over::Episodes => sizes
+            ResampleUnit::Episodes => sizes
                 .iter()
                 .enumerate()
                 .map(|(object, &n)| (object, (0..n).map(|_| rng.random_range(0..n)).collect()))
                 .collect(),
-            Over::Objects => (0..sizes.len())
+            ResampleUnit::Objects => (0..sizes.len())
                 .map(|_| {
                     let object = rng.random_range(0..sizes.len());
                     (object, (0..sizes[object]).collect())
@@ -58,8 +58,8 @@ pub fn mean_interval(column: &Column, draws: &[Draw]) -> Option<Interval> {
 }
 
 /// Interval of the efficiency.
-pub fn efficiency_interval(runs: &Runs, never: usize, draws: &[Draw]) -> Option<Interval> {
-    let [c, v] = [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| runs.column(f, never));
+pub fn efficiency_interval(runs: &Runs, views_if_unreached: usize, draws: &[Draw]) -> Option<Interval> {
+    let [c, v] = [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| runs.column(f, views_if_unreached));
     interval(efficiency(c.mean(), v.mean()), draws, |d| efficiency(c.mean_of(d), v.mean_of(d)))
 }
 
@@ -68,13 +68,13 @@ pub fn difference(
     runs: &Runs,
     baseline: &Runs,
     figure: Figure,
-    never: usize,
-    over: Over,
+    views_if_unreached: usize,
+    over: ResampleUnit,
     resamples: usize,
     seed: u64,
 ) -> Option<Interval> {
     let (a, b) = runs.paired(baseline);
-    let [a, b] = [a, b].map(|r| r.column(figure, never));
+    let [a, b] = [a, b].map(|r| r.column(figure, views_if_unreached));
     let draws = draws(&a.sizes(), over, resamples, seed);
     interval(Some(a.mean()? - b.mean()?), &draws, |d| Some(a.mean_of(d)? - b.mean_of(d)?))
 }
@@ -83,13 +83,13 @@ pub fn difference(
 pub fn efficiency_ratio(
     runs: &Runs,
     baseline: &Runs,
-    never: usize,
-    over: Over,
+    views_if_unreached: usize,
+    over: ResampleUnit,
     resamples: usize,
     seed: u64,
 ) -> Option<Interval> {
     let (a, b) = runs.paired(baseline);
-    let columns = |r: &Runs| [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| r.column(f, never));
+    let columns = |r: &Runs| [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| r.column(f, views_if_unreached));
     let ([ac, av], [bc, bv]) = (columns(&a), columns(&b));
     let draws = draws(&ac.sizes(), over, resamples, seed);
     let value = efficiency(ac.mean(), av.mean())? / efficiency(bc.mean(), bv.mean())?;
@@ -99,9 +99,15 @@ pub fn efficiency_ratio(
 }
 
 /// Interval of the efficiency minus the baseline's, over episodes, paired by object and episode.
-pub fn efficiency_lead(runs: &Runs, baseline: &Runs, never: usize, resamples: usize, seed: u64) -> Option<Interval> {
+pub fn efficiency_lead(
+    runs: &Runs,
+    baseline: &Runs,
+    views_if_unreached: usize,
+    resamples: usize,
+    seed: u64,
+) -> Option<Interval> {
     let (a, b) = runs.paired(baseline);
-    efficiencies(&[a, b], never, resamples, seed, |e| e[0] - e[1])
+    efficiencies(&[a, b], views_if_unreached, resamples, seed, |e| e[0] - e[1])
 }
 
 /// Interval of how much of the lead of `leader` over `best` a policy closes, over episodes: 0 where it is level with
@@ -110,27 +116,29 @@ pub fn gap_closure(
     runs: &Runs,
     best: &Runs,
     leader: &Runs,
-    never: usize,
+    views_if_unreached: usize,
     resamples: usize,
     seed: u64,
 ) -> Option<Interval> {
     let (a, b) = runs.paired(best);
     let (a, c) = a.paired(leader);
     let b = b.paired(&c).0;
-    efficiencies(&[a, b, c], never, resamples, seed, |e| (e[0] - e[1]) / (e[2] - e[1]))
+    efficiencies(&[a, b, c], views_if_unreached, resamples, seed, |e| (e[0] - e[1]) / (e[2] - e[1]))
 }
 
 /// Interval of a statistic of the efficiencies of runs over the same episodes.
 fn efficiencies(
     runs: &[Runs],
-    never: usize,
+    views_if_unreached: usize,
     resamples: usize,
     seed: u64,
     statistic: impl Fn(&[f64]) -> f64,
 ) -> Option<Interval> {
-    let columns: Vec<[Column; 2]> =
-        runs.iter().map(|r| [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| r.column(f, never))).collect();
-    let draws = draws(&columns.first()?[0].sizes(), Over::Episodes, resamples, seed);
+    let columns: Vec<[Column; 2]> = runs
+        .iter()
+        .map(|r| [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| r.column(f, views_if_unreached)))
+        .collect();
+    let draws = draws(&columns.first()?[0].sizes(), ResampleUnit::Episodes, resamples, seed);
     let all: Option<Vec<f64>> = columns.iter().map(|[c, v]| efficiency(c.mean(), v.mean())).collect();
     interval(Some(statistic(&all?)), &draws, |d| {
         let drawn: Option<Vec<f64>> = columns.iter().map(|[c, v]| efficiency(c.mean_of(d), v.mean_of(d))).collect();

@@ -88,7 +88,7 @@ pub struct EvaluateConfig {
     /// camera ever sees. 0 keeps all, as published.
     pub reference_views: usize,
     /// What a level of coverage that was never reached counts as, in views.
-    pub never: usize,
+    pub views_if_unreached: usize,
     /// Resamples of the confidence intervals.
     pub resamples: usize,
     /// The scanning loop and the simulator.
@@ -120,7 +120,7 @@ impl Default for EvaluateConfig {
             surface: Surface::Sampled,
             surface_samples: 60_000,
             reference_views: 0,
-            never: 17,
+            views_if_unreached: 17,
             resamples: 2000,
             episode: EpisodeConfig::default(),
             candidates: CandidateConfig::default(),
@@ -138,7 +138,7 @@ impl EvaluateConfig {
     pub fn paper() -> Self {
         Self {
             surface: Surface::Published,
-            never: 16,
+            views_if_unreached: 16,
             episode: EpisodeConfig::paper(),
             candidates: CandidateConfig::paper(),
             ..Self::default()
@@ -157,7 +157,7 @@ impl EvaluateConfig {
         check_counts(&[
             ("episodes", self.episodes),
             ("surface_samples", self.surface_samples),
-            ("never", self.never),
+            ("views_if_unreached", self.views_if_unreached),
             ("resamples", self.resamples),
             ("candidates.num_targets", self.candidates.num_targets),
             ("table.views", self.table.as_ref().map_or(1, |table| table.views)),
@@ -166,8 +166,16 @@ impl EvaluateConfig {
 
     /// Hash of what outcomes depend on: everything but which policies and episodes are run and how they are reported.
     pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
-        let Self { policies, baseline, episodes, never, resamples, only, .. } = Self::default();
-        formats::config::hash(&Self { policies, baseline, episodes, never, resamples, only, ..self.clone() })
+        let Self { policies, baseline, episodes, views_if_unreached, resamples, only, .. } = Self::default();
+        formats::config::hash(&Self {
+            policies,
+            baseline,
+            episodes,
+            views_if_unreached,
+            resamples,
+            only,
+            ..self.clone()
+        })
     }
 }
 

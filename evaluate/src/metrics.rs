@@ -37,11 +37,11 @@ pub enum Figure {
 
 impl Figure {
     /// Of one episode. `never` is what a level that was not reached counts as.
-    pub fn of(self, record: &EpisodeRecord, never: usize) -> Option<f64> {
+    pub fn of(self, record: &EpisodeRecord, views_if_unreached: usize) -> Option<f64> {
         match self {
             Figure::FinalCoverage => Some(100.0 * record.final_coverage()),
             Figure::ViewsTo(percent) => {
-                Some(views_to(&record.coverages, f64::from(percent) / 100.0).unwrap_or(never) as f64)
+                Some(views_to(&record.coverages, f64::from(percent) / 100.0).unwrap_or(views_if_unreached) as f64)
             }
             Figure::Overlap(n) => record.overlaps.get(usize::from(n).checked_sub(1)?)?.map(|o| 100.0 * o),
             Figure::Cv3 => overlap_variation(record.overlaps.get(..3).unwrap_or(&record.overlaps)),
@@ -132,8 +132,10 @@ impl<'a> Runs<'a> {
     }
 
     /// The values of a figure, object by object.
-    pub fn column(&self, figure: Figure, never: usize) -> Column {
-        let of = |episodes: &BTreeMap<usize, &EpisodeRecord>| episodes.values().map(|r| figure.of(r, never)).collect();
+    pub fn column(&self, figure: Figure, views_if_unreached: usize) -> Column {
+        let of = |episodes: &BTreeMap<usize, &EpisodeRecord>| {
+            episodes.values().map(|r| figure.of(r, views_if_unreached)).collect()
+        };
         Column(self.by_object.values().map(of).collect())
     }
 

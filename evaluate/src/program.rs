@@ -149,7 +149,7 @@ fn compare_folders(args: &Args) -> anyhow::Result<ExitCode> {
         .collect::<Result<_, journal::JournalError>>()?;
     let baseline = args.baseline.clone().unwrap_or_else(|| EvaluateConfig::default().baseline);
     let baseline: Policy = baseline.parse().context("--baseline")?;
-    let tables = compare::tables(&folders, baseline.name(), EvaluateConfig::default().never);
+    let tables = compare::tables(&folders, baseline.name(), EvaluateConfig::default().views_if_unreached);
     let text: String = tables.iter().map(report::table::Table::to_markdown).collect();
     program::print_line(&text)?;
     if args.out != Path::new("runs/evaluate") {

@@ -213,7 +213,7 @@ fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
         config.seed,
         config.episode.num_views,
         contents.skipped.len(),
-        config.never,
+        config.views_if_unreached,
     )
 }
 

@@ -32,7 +32,7 @@ mod yaml;
 pub use cloud::{CloudFile, read_cloud};
 pub use config::{ConfigError, Flag};
 pub use error::{FormatError, Place};
-pub use manifest::{Fate, Manifest, ObjectRecord, Split};
+pub use manifest::{Manifest, ObjectRecord, ObjectStatus, Split};
 pub use mesh::read_mesh;
 pub use shard::{CloudPrecision, Sample, ShardMetadata, ShardReader, ShardWriter};
 

@@ -25,10 +25,10 @@ pub enum Split {
     Test,
 }
 
-/// What became of an object.
+/// Whether an object is in the set, and if not, why. The tag on disk is `fate`, as sets made so far have it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "fate", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Fate {
+pub enum ObjectStatus {
     /// Its episode is in a shard.
     Done {
         /// The shard, relative to the set's directory.
@@ -60,9 +60,9 @@ pub struct ObjectRecord {
     pub category: String,
     /// What its samples are for.
     pub split: Split,
-    /// What became of it.
+    /// In the set, skipped or missing.
     #[serde(flatten)]
-    pub fate: Fate,
+    pub status: ObjectStatus,
 }
 
 /// All objects of a set.
@@ -121,7 +121,7 @@ impl Manifest {
 
     /// Number of samples in all shards.
     pub fn num_samples(&self) -> usize {
-        self.objects.iter().map(|o| if let Fate::Done { samples, .. } = o.fate { samples } else { 0 }).sum()
+        self.objects.iter().map(|o| if let ObjectStatus::Done { samples, .. } = o.status { samples } else { 0 }).sum()
     }
 
     /// Opens the shard of one of the manifest's objects, and holds it against the manifest: the same settings, seed, number
@@ -130,7 +130,7 @@ impl Manifest {
     /// # Errors
     /// A shard that cannot be read, is damaged, or belongs to another set.
     pub fn open(&self, directory: &Path, record: &ObjectRecord) -> Result<Option<ShardReader>, FormatError> {
-        let Fate::Done { shard, samples, .. } = &record.fate else { return Ok(None) };
+        let ObjectStatus::Done { shard, samples, .. } = &record.status else { return Ok(None) };
         let reader = ShardReader::open(&directory.join(shard))?;
         let metadata = reader.metadata();
         let differs = |what: &str, found: String, expected: String| {

@@ -6,7 +6,7 @@ use formats::depth::parse_depth;
 use formats::frame_history::parse_frame_history;
 use formats::mesh::parse_mesh;
 use formats::shard::{CloudPrecision, Sample, ShardMetadata, ShardReader, ShardWriter};
-use formats::{Fate, ObjectRecord, Split};
+use formats::{ObjectRecord, ObjectStatus, Split};
 use geometry::{PointCloud, View, rng};
 use nalgebra::{Isometry3, Point3, Vector3};
 use planning::CandidateView;
@@ -353,7 +353,8 @@ fn frame_history() {
 fn shards() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("a.safetensors");
-    let record = ObjectRecord { object: "a".into(), category: "c".into(), split: Split::Train, fate: Fate::Missing };
+    let record =
+        ObjectRecord { object: "a".into(), category: "c".into(), split: Split::Train, status: ObjectStatus::Missing };
     let mut writer =
         ShardWriter::new(ShardMetadata { objects: vec![record], ..Default::default() }, CloudPrecision::F32);
     (0..3).for_each(|_| writer.push(&sample()).unwrap());

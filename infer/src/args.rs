@@ -4,7 +4,7 @@ use crate::request::Unit;
 use anyhow::bail;
 use clap::Parser;
 use formats::program::{CommonArgs, EXIT_CODES, length, share};
-use planning::Misses;
+use planning::NoReturn;
 use planning::PlannerName;
 use planning::Support;
 use planning::registration::Register;
@@ -87,7 +87,7 @@ pub struct Args {
     pub depth_unit: Option<f64>,
     /// What pixels without a return mean: unknown, or free (nothing there).
     #[arg(long, value_name = "MEANING", value_parser = misses)]
-    pub misses: Option<Misses>,
+    pub misses: Option<NoReturn>,
     /// Unit of the clouds and of --from; metres, or the unit that a text cloud names with its columns, if not given.
     #[arg(long, value_enum, requires = "scan", conflicts_with_all = ["object", "serve"])]
     pub unit: Option<Unit>,
@@ -227,10 +227,10 @@ fn planner(text: &str) -> Result<PlannerName, String> {
     known.into_iter().find(|p| p.as_str() == text).ok_or_else(|| format!("unknown; there are {names}"))
 }
 
-fn misses(text: &str) -> Result<Misses, String> {
+fn misses(text: &str) -> Result<NoReturn, String> {
     match text {
-        "free" => Ok(Misses::Free),
-        "unknown" => Ok(Misses::Unknown),
+        "free" => Ok(NoReturn::Free),
+        "unknown" => Ok(NoReturn::Unknown),
         _ => Err("expected free or unknown".to_owned()),
     }
 }

@@ -14,7 +14,7 @@ use formats::depth::{DepthFile, parse_depth, read_depth};
 use geometry::{Lens, PinholeCamera, Undistorted, undistort_depth};
 use nalgebra::{Isometry3, Point3};
 use organised::depth_of_organised;
-use planning::{Misses, Reading, Scan};
+use planning::{NoReturn, Reading, Scan};
 use std::path::Path;
 
 /// A scan, and what there is to say of how it was read.
@@ -89,7 +89,7 @@ fn from_cloud_file(mut file: CloudFile, unit: Option<Unit>) -> Loaded {
         for pose in poses {
             if let Some((camera, depth)) = depth_of_organised(&file.cloud.points, grid, &pose) {
                 // Sensors that write organised clouds leave out what they failed on, too.
-                let scan = Scan::Depth { camera, depth, world_from_camera: pose, misses: Misses::Unknown };
+                let scan = Scan::Depth { camera, depth, world_from_camera: pose, misses: NoReturn::Unknown };
                 return Loaded { scan, reading };
             }
         }
@@ -173,7 +173,7 @@ pub fn from_depth_file(
     file: DepthFile,
     camera: &DepthCamera,
     world_from_camera: Isometry3<f64>,
-    misses: Misses,
+    misses: NoReturn,
 ) -> Result<Loaded> {
     let lens = camera.lens;
     let camera = pinhole(&file, camera)?;
@@ -220,7 +220,7 @@ pub fn depth(
     metres_per_unit: Option<f64>,
     pose: &str,
     camera: Option<DepthCamera>,
-    misses: Misses,
+    misses: NoReturn,
 ) -> Result<Loaded> {
     check_unit("--depth-unit", metres_per_unit)?;
     let (world_from_camera, camera) = placed_camera(path, pose, camera)?;

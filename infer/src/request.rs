@@ -7,7 +7,7 @@ pub use scan::{Unit, cloud_body};
 use crate::load::Loaded;
 use crate::service::{BoundedJson, Method, OnDeadline, Refusal, Written};
 use formats::config::overlaid;
-use planning::{Misses, SessionConfig};
+use planning::{NoReturn, SessionConfig};
 use scan::ScanRequest;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -76,7 +76,7 @@ pub enum Ask {
         /// The scan, as it was read.
         scan: Box<Loaded>,
         /// As given.
-        misses: Option<Misses>,
+        misses: Option<NoReturn>,
         /// As given.
         deadline_ms: Option<u64>,
         /// As it came, where it is to be kept on disk.

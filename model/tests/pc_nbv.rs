@@ -12,9 +12,16 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 
 fn net() -> PcNbvNet {
+    seeded(&PcNbvNetConfig::default(), 5)
+}
+
+/// The tests of this file run side by side and draw from the device's one stream: one network at a time.
+fn seeded(config: &PcNbvNetConfig, seed: u64) -> PcNbvNet {
+    static DRAWING: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    let _alone = DRAWING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let device = Device::flex();
-    device.seed(5);
-    PcNbvNetConfig::default().init(&device).materialize()
+    device.seed(seed);
+    config.init(&device).materialize()
 }
 
 /// With an attention scale other than 0, so that the attention counts.
@@ -79,10 +86,8 @@ fn order_translation_and_scale_of_the_cloud_do_not_matter() {
 #[test]
 fn outputs_are_in_the_unit_of_the_configuration() {
     let gains = |gain_unit: f64| {
-        let device = Device::flex();
-        device.seed(7);
         let config = PcNbvNetConfig { gain_unit, ..PcNbvNetConfig::default() };
-        let net = config.init(&device).materialize();
+        let net = seeded(&config, 7);
         let info = checkpoint::Checkpoint::new::<PcNbvNet>(config, EncodeConfig::default());
         PcNbvModel::new(net, info).predict(&cloud(40, 2), &[0.0; VIEWS]).expect("gains")
     };

@@ -1,6 +1,6 @@
 //! Settings of `infer`; `configs/infer.toml` shows each at its default with unit and source.
 
-use crate::Misses;
+use crate::NoReturn;
 use crate::accumulate::Accumulate;
 use crate::constraints::{Box3, ConstraintsConfig};
 use crate::pose::PoseConfig;
@@ -53,7 +53,7 @@ pub struct SessionConfig {
     /// What that camera measures.
     pub sensor: SensorConfig,
     /// What pixels without a return mean in depth images.
-    pub misses: Misses,
+    pub misses: NoReturn,
     /// Roll of the answered pose.
     pub pose: PoseConfig,
     /// What the object stands on: `none`, `auto` (found in the first scan), or a plane nx, ny, nz, d.
@@ -87,7 +87,7 @@ impl Default for SessionConfig {
             stop_below: 0.0,
             camera: CameraConfig::default(),
             sensor: SensorConfig::default(),
-            misses: Misses::Unknown,
+            misses: NoReturn::Unknown,
             pose: PoseConfig::default(),
             support: Support::None,
             support_margin_m: 0.004,

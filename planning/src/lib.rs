@@ -72,7 +72,7 @@ pub use reach::{Reach, Reached, RobotConfig};
 pub use scan::{Reading, Scan, ScanReport};
 pub use sensor::SensorConfig;
 pub use session::{Session, SessionError};
-pub use state::{CameraPose, Misses, PastScan, ScanState, Seen};
+pub use state::{CameraPose, NoReturn, PastScan, ScanState, Seen};
 pub use stop::{Missing, Stop};
 pub use support::{Plane, Support};
 pub use turntable::{TableStop, TurntableConfig};

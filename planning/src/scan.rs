@@ -9,7 +9,7 @@ use crate::registration::Registered;
 use crate::sensor::Dropped;
 use crate::support::Plane;
 use crate::thin;
-use crate::{Budget, CameraPose, Misses, PastScan, Seen, Stopped};
+use crate::{Budget, CameraPose, NoReturn, PastScan, Seen, Stopped};
 use geometry::{
     BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, mean_spacing,
     mean_spacing_among, orient_normals_along, orient_normals_among, orient_normals_toward,
@@ -58,7 +58,7 @@ pub enum Scan {
         /// The camera's pose.
         world_from_camera: Isometry3<f64>,
         /// What its pixels without a return mean.
-        misses: Misses,
+        misses: NoReturn,
     },
 }
 

@@ -11,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 /// What a pixel without a return says about its ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Misses {
+pub enum NoReturn {
     /// Nothing there up to the camera's range: the ray is free space.
     Free,
     /// The sensor may have failed there: the ray stays unknown.
@@ -29,7 +29,7 @@ pub enum Seen {
         /// The image.
         depth: DepthImage,
         /// What its pixels without a return mean.
-        misses: Misses,
+        misses: NoReturn,
     },
     /// Only points (world frame): free space is known along the rays to them, and no further.
     Points(Vec<Point3<f64>>),

@@ -5,7 +5,7 @@
 use geometry::{DepthImage, PinholeCamera, PointCloud, View, rng};
 use nalgebra::{Isometry3, Point3, Vector3};
 use planning::config::CameraConfig;
-use planning::{Answer, Misses, Scan, Session, SessionConfig};
+use planning::{Answer, NoReturn, Scan, Session, SessionConfig};
 use rand::seq::SliceRandom;
 
 /// Two balls that touch, the larger one of 7 cm: by the nearer intersection of each pixel's ray.
@@ -115,7 +115,7 @@ fn the_resolution_of_the_camera_does_not_count() {
             camera,
             depth: depth(&camera, &first_view()),
             world_from_camera: first_view(),
-            misses: Misses::Free,
+            misses: NoReturn::Free,
         };
         ask(SessionConfig { camera: self::camera(width), ..config(10_000) }, scan)
     };

@@ -7,7 +7,7 @@ use geometry::{Lens, PointCloud};
 use infer::load::{DepthCamera, Loaded};
 use nalgebra::{Isometry3, Point3};
 use planning::session::{ReachCheck, Request};
-use planning::{Budget, Misses, Reading, Scan, SessionConfig};
+use planning::{Budget, NoReturn, Reading, Scan, SessionConfig};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use serde_json::json;
@@ -34,11 +34,11 @@ pub fn settings(file: Option<&Path>, changes: &str) -> Result<SessionConfig, Fau
     overlaid(&base, changes, "config").map_err(Fault::Value)
 }
 
-fn misses(text: Option<&str>, usual: Misses) -> Result<Misses, Fault> {
+fn misses(text: Option<&str>, usual: NoReturn) -> Result<NoReturn, Fault> {
     match text {
         None => Ok(usual),
-        Some("free") => Ok(Misses::Free),
-        Some("unknown") => Ok(Misses::Unknown),
+        Some("free") => Ok(NoReturn::Free),
+        Some("unknown") => Ok(NoReturn::Unknown),
         Some(other) => Err(Fault::Value(format!("misses: {other:?}, expected \"free\" or \"unknown\""))),
     }
 }

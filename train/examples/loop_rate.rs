@@ -10,7 +10,7 @@
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams};
 use cpu_time::ProcessTime;
-use formats::{CloudPrecision, Fate, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
+use formats::{CloudPrecision, Manifest, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardWriter, Split};
 use geometry::{PointCloud, View, rng::stream};
 use nalgebra::{Point3, Vector3};
 use planning::CandidateView;
@@ -96,9 +96,14 @@ fn write_set(dir: &Path, samples: usize) -> Result<(), Box<dyn std::error::Error
     let mut objects = Vec::new();
     for (name, split, count) in [("train", Split::Train, samples), ("validation", Split::Validation, 1)] {
         let shard = format!("{name}.safetensors");
-        let fate =
-            Fate::Done { shard: shard.clone(), samples: count, coverage: vec![], overlap: vec![], void_episodes: 0 };
-        let record = ObjectRecord { object: name.into(), category: "random".into(), split, fate };
+        let status = ObjectStatus::Done {
+            shard: shard.clone(),
+            samples: count,
+            coverage: vec![],
+            overlap: vec![],
+            void_episodes: 0,
+        };
+        let record = ObjectRecord { object: name.into(), category: "random".into(), split, status };
         let metadata = ShardMetadata { objects: vec![record.clone()], ..Default::default() };
         let mut writer = ShardWriter::new(metadata, CloudPrecision::F32);
         for i in 0..count {

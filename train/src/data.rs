@@ -2,7 +2,7 @@
 
 use crate::TrainError;
 use formats::frame_history::Frame;
-use formats::{Fate, Manifest, ObjectRecord, Sample, ShardReader, Split};
+use formats::{Manifest, ObjectRecord, ObjectStatus, Sample, ShardReader, Split};
 use geometry::density::densities;
 use geometry::rng::stream;
 use planning::CandidateView;
@@ -326,7 +326,7 @@ pub fn newest_set(base: &Path) -> Result<PathBuf, TrainError> {
 }
 
 fn missing(manifest: &Manifest) -> usize {
-    manifest.objects.iter().filter(|o| matches!(o.fate, Fate::Missing)).count()
+    manifest.objects.iter().filter(|o| matches!(o.status, ObjectStatus::Missing)).count()
 }
 
 /// Indices of the objects to hold out: a share of them, at least one, never all.

@@ -362,7 +362,7 @@ fn unusable_data_is_explained() {
     plain_set(&tmp.path().join("new"), 2, 1);
     assert_eq!(train::data::newest_set(tmp.path()).expect("two sets"), tmp.path().join("new"));
     let mut manifest = formats::Manifest::read(&tmp.path().join("new")).expect("a manifest");
-    manifest.objects[0].fate = formats::Fate::Missing;
+    manifest.objects[0].status = formats::ObjectStatus::Missing;
     manifest.write(&tmp.path().join("new")).expect("written");
     assert_eq!(
         train::data::newest_set(tmp.path()).expect("one set"),

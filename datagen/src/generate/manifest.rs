@@ -3,7 +3,7 @@
 use super::{GenerateError, Job};
 use formats::lock::LOCK;
 use formats::shard::SCHEMA_VERSION;
-use formats::{Fate, Manifest, ObjectRecord, ShardReader};
+use formats::{Manifest, ObjectRecord, ObjectStatus, ShardReader};
 use std::path::{Path, PathBuf};
 
 /// Where an object's shard lies.
@@ -38,7 +38,7 @@ fn gather(job: &Job, hash: &str) -> Manifest {
                 object: object.name.clone(),
                 category: object.category.clone(),
                 split: object.split,
-                fate: Fate::Missing,
+                status: ObjectStatus::Missing,
             };
             // Its maker has read all of it just now.
             if let Ok(shard) = ShardReader::peek(&shard_path(job.out, &object.name)) {

@@ -8,7 +8,7 @@ use crate::search::SearchPlanner;
 use formats::run::{atomic_write, remove_temporaries};
 use formats::shard::SCHEMA_VERSION;
 use formats::surface::{read_surface, write_surface};
-use formats::{Fate, FormatError, ObjectRecord, Sample, ShardMetadata, ShardReader, ShardWriter};
+use formats::{FormatError, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardReader, ShardWriter};
 use geometry::sampling::{TooDense, poisson_disk_sample};
 use geometry::{Mesh, rng};
 use nalgebra::Point3;
@@ -56,7 +56,7 @@ pub(super) fn make(
         }
         Err(reason) => {
             let reason = reason.to_string();
-            let record = record(object, Fate::Skipped { reason: reason.clone() });
+            let record = record(object, ObjectStatus::Skipped { reason: reason.clone() });
             let mut text = serde_json::to_string_pretty(&record).unwrap_or_default();
             text.push('\n');
             remove_temporaries(&skip);
@@ -66,8 +66,8 @@ pub(super) fn make(
     }
 }
 
-fn record(object: &Object, fate: Fate) -> ObjectRecord {
-    ObjectRecord { object: object.name.clone(), category: object.category.clone(), split: object.split, fate }
+fn record(object: &Object, status: ObjectStatus) -> ObjectRecord {
+    ObjectRecord { object: object.name.clone(), category: object.category.clone(), split: object.split, status }
 }
 
 /// Why an object cannot be used.
@@ -141,14 +141,14 @@ fn scan_object(
     if decisions.is_empty() {
         return Ok(Err(Unusable::NoBoundary));
     }
-    let fate = Fate::Done {
+    let status = ObjectStatus::Done {
         shard: relative(job.out, &shard_path(job.out, &object.name)),
         samples: decisions.len(),
         coverage: episode.coverages.iter().map(|&c| nine_digits(c)).collect(),
         overlap: episode.overlaps.iter().map(|o| nine_digits(o.unwrap_or(0.0))).collect(),
         void_episodes: episode.void_draws,
     };
-    let record = record(object, fate);
+    let record = record(object, status);
     let metadata = ShardMetadata {
         schema_version: SCHEMA_VERSION,
         sha256: String::new(),

@@ -11,7 +11,7 @@ fn the_interval_of_a_mean_is_that_of_theory() {
         })
         .collect();
     let column = Runs::of(&list, "p").column(Figure::FinalCoverage, 17);
-    let found = mean_interval(&column, &draws(&column.sizes(), Over::Episodes, 4000, 1)).unwrap();
+    let found = mean_interval(&column, &draws(&column.sizes(), ResampleUnit::Episodes, 4000, 1)).unwrap();
     let half = 1.96 * column.standard_error().unwrap();
     assert!((found.value - found.low - half).abs() < 0.15 * half, "{found:?} against +-{half}");
     assert!((found.high - found.value - half).abs() < 0.15 * half);
@@ -28,7 +28,7 @@ fn pairing_removes_what_both_share() {
         })
         .collect();
     let (p, q) = (Runs::of(&list, "p"), Runs::of(&list, "q"));
-    let d = difference(&q, &p, Figure::FinalCoverage, 17, Over::Episodes, 500, 0).unwrap();
+    let d = difference(&q, &p, Figure::FinalCoverage, 17, ResampleUnit::Episodes, 500, 0).unwrap();
     assert!((d.low - 0.5).abs() < 1e-9 && (d.high - 0.5).abs() < 1e-9, "{d:?}");
 }
 
@@ -58,6 +58,10 @@ fn objects_drawn_again_widen_the_interval() {
         .collect();
     let column = Runs::of(&list, "p").column(Figure::FinalCoverage, 17);
     let over = |over| mean_interval(&column, &draws(&column.sizes(), over, 1000, 0)).unwrap();
-    assert_eq!(over(Over::Episodes).low, over(Over::Episodes).high, "episodes of an object do not differ here");
-    assert!(over(Over::Objects).high - over(Over::Objects).low > 10.0);
+    assert_eq!(
+        over(ResampleUnit::Episodes).low,
+        over(ResampleUnit::Episodes).high,
+        "episodes of an object do not differ here"
+    );
+    assert!(over(ResampleUnit::Objects).high - over(ResampleUnit::Objects).low > 10.0);
 }

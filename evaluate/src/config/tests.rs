@@ -29,7 +29,14 @@ fn every_study_loads_and_changes_outcomes() {
 fn outcomes_do_not_depend_on_what_is_run_beside_them() {
     let hash = |c: &EvaluateConfig| c.outcome_hash().expect("hash");
     let plain = EvaluateConfig::default();
-    let more = EvaluateConfig { episodes: 5, policies: vec!["see".into()], never: 16, ..plain.clone() };
+    let more = EvaluateConfig { episodes: 5, policies: vec!["see".into()], views_if_unreached: 16, ..plain.clone() };
     assert_eq!(hash(&plain), hash(&more));
     assert_ne!(hash(&plain), hash(&EvaluateConfig { seed: 1, ..plain.clone() }));
+}
+
+#[test]
+fn the_old_name_of_a_setting_is_refused_with_the_new_one() {
+    let error =
+        formats::config::load::<EvaluateConfig>(None, &["never=16".to_owned()], &[]).expect_err("renamed").to_string();
+    assert!(error.contains("`never` is called `views_if_unreached` now"), "{error}");
 }

@@ -78,9 +78,9 @@ impl Planner for RefinedPlanner<'_> {
         let mut forecasts = self.inner.forecast(state, rng);
         let others = self.others(state, &forecasts);
         for (f, (gain, overlap)) in forecasts.views.iter_mut().zip(others) {
-            (f.gain, f.told_gain) = if self.replaced.gain { (gain, gain) } else { (f.gain, f.told_gain) };
+            (f.gain, f.reported_gain) = if self.replaced.gain { (gain, gain) } else { (f.gain, f.reported_gain) };
             f.overlap = if self.replaced.overlap { overlap } else { f.overlap };
-            f.told_overlap = if self.replaced.overlap { overlap } else { f.told_overlap };
+            f.reported_overlap = if self.replaced.overlap { overlap } else { f.reported_overlap };
         }
         checked(&self.name, self.inner.rank(&forecasts), PlanError::NoBoundary)
     }

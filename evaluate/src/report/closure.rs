@@ -15,15 +15,15 @@ const CLEAR: f64 = 3.0;
 /// Gap closure (E - E_best) / (E_baseline - E_best), E the efficiency and E_best that of the best simple rule at hand.
 /// Absent where there is none, or where the baseline's lead is not clear.
 pub fn gap_closures(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Option<Table> {
-    let (never, n, seed) = (config.never, config.resamples, config.seed);
+    let (views_if_unreached, n, seed) = (config.views_if_unreached, config.resamples, config.seed);
     let runs = |policy: &str| Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
     let baseline = runs(&config.baseline);
     let simple = SIMPLE.iter().filter(|p| policies.iter().any(|q| q == *p));
-    let mean = |r: &Runs, figure| r.column(figure, never).mean();
+    let mean = |r: &Runs, figure| r.column(figure, views_if_unreached).mean();
     let value = |r: &Runs| efficiency(mean(r, Figure::FinalCoverage), mean(r, Figure::ViewsTo(90)));
     let (name, best, _) =
         simple.filter_map(|p| Some((*p, runs(p), value(&runs(p))?))).max_by(|a, b| a.2.total_cmp(&b.2))?;
-    let lead = efficiency_lead(&baseline, &best, never, n, seed)?;
+    let lead = efficiency_lead(&baseline, &best, views_if_unreached, n, seed)?;
     // A 95 % interval is 3.92 standard errors wide.
     if lead.value <= CLEAR * (lead.high - lead.low) / 3.92 {
         return None;
@@ -35,7 +35,7 @@ pub fn gap_closures(contents: &Contents, config: &EvaluateConfig, policies: &[St
         config.baseline, lead.value, lead.low, lead.high
     );
     let of = |policy: &String| {
-        let closure = gap_closure(&runs(policy), &best, &baseline, never, n, seed);
+        let closure = gap_closure(&runs(policy), &best, &baseline, views_if_unreached, n, seed);
         ClosureRow {
             policy: policy.clone(),
             closure: closure.map(|i| i.value),

@@ -2,7 +2,7 @@
 
 use super::policy_order;
 use super::table::{Table, number};
-use crate::bootstrap::{Over, efficiency_ratio};
+use crate::bootstrap::{ResampleUnit, efficiency_ratio};
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, efficiency};
 
@@ -16,7 +16,7 @@ pub struct Folder {
 
 /// Tables with one column per folder: each figure by policy, and the efficiency relative to the first folder and to the
 /// baseline within each folder.
-pub fn tables(folders: &[Folder], baseline: &str, never: usize) -> Vec<Table> {
+pub fn tables(folders: &[Folder], baseline: &str, views_if_unreached: usize) -> Vec<Table> {
     let mut policies: Vec<String> = Vec::new();
     for folder in folders {
         for policy in policy_order(&folder.contents, &policies) {
@@ -35,11 +35,11 @@ pub fn tables(folders: &[Folder], baseline: &str, never: usize) -> Vec<Table> {
         table
     };
     let figure = |figure: Figure, decimals: usize| {
-        move |f: &Folder, policy: &str| number(runs(f, policy).column(figure, never).mean(), decimals)
+        move |f: &Folder, policy: &str| number(runs(f, policy).column(figure, views_if_unreached).mean(), decimals)
     };
     let eff = |f: &Folder, policy: &str| {
         let runs = runs(f, policy);
-        let m = |figure| runs.column(figure, never).mean();
+        let m = |figure| runs.column(figure, views_if_unreached).mean();
         efficiency(m(Figure::FinalCoverage), m(Figure::ViewsTo(90)))
     };
     let first = &folders[0];
@@ -52,7 +52,7 @@ pub fn tables(folders: &[Folder], baseline: &str, never: usize) -> Vec<Table> {
             &format!("Efficiency relative to {baseline} of the same folder"),
             "Paired; 95 % intervals over episodes.",
             &|f, p| {
-                efficiency_ratio(&runs(f, p), &runs(f, baseline), never, Over::Episodes, 1000, 0)
+                efficiency_ratio(&runs(f, p), &runs(f, baseline), views_if_unreached, ResampleUnit::Episodes, 1000, 0)
                     .map_or_else(|| "-".to_owned(), |i| format!("{:.3} [{:.3}, {:.3}]", i.value, i.low, i.high))
             },
         ),

@@ -2,7 +2,7 @@
 //! where `stop` would have ended.
 
 use super::table::{Row, Table, number, range};
-use crate::bootstrap::{Interval, Over, draws, mean_interval};
+use crate::bootstrap::{Interval, ResampleUnit, draws, mean_interval};
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, mean};
@@ -170,12 +170,13 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
         if runs.is_empty() || (sequence == ALL && runs.objects().len() < sequences.len()) {
             return None;
         }
-        let column = |figure| runs.column(figure, config.never);
+        let column = |figure| runs.column(figure, config.views_if_unreached);
         let drawn = |over| draws(&column(Figure::FinalCoverage).sizes(), over, config.resamples, config.seed);
-        let starts = drawn(Over::Episodes);
+        let starts = drawn(ResampleUnit::Episodes);
         let over_starts = |percent| mean_interval(&column(Figure::ViewsTo(percent)), &starts);
-        let over_sequences =
-            (sequence == ALL).then(|| mean_interval(&column(Figure::ViewsTo(90)), &drawn(Over::Objects))).flatten();
+        let over_sequences = (sequence == ALL)
+            .then(|| mean_interval(&column(Figure::ViewsTo(90)), &drawn(ResampleUnit::Objects)))
+            .flatten();
         let [v80, v90, v95] = [80, 90, 95].map(over_starts);
         let (low, high) = (|i: Option<Interval>| i.map(|i| i.low), |i: Option<Interval>| i.map(|i| i.high));
         let value = |i: Option<Interval>| i.map(|i| i.value);

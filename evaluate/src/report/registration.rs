@@ -1,7 +1,7 @@
 //! Tables of episodes whose scans had to be registered.
 
 use super::table::{Row, Table, number, range};
-use crate::bootstrap::{Over, draws, mean_interval};
+use crate::bootstrap::{ResampleUnit, draws, mean_interval};
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs};
@@ -116,10 +116,11 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
 }
 
 fn row(policy: &str, runs: &Runs, config: &EvaluateConfig) -> RegistrationRow {
-    let column = |figure| runs.column(figure, config.never);
+    let column = |figure| runs.column(figure, config.views_if_unreached);
     let m = |figure| column(figure).mean();
     let failed = column(Figure::FailedIn(5));
-    let interval = mean_interval(&failed, &draws(&failed.sizes(), Over::Episodes, config.resamples, config.seed));
+    let interval =
+        mean_interval(&failed, &draws(&failed.sizes(), ResampleUnit::Episodes, config.resamples, config.seed));
     let views = || runs.records().flat_map(views_of);
     let percent = |of: &dyn Fn(&EpisodeRecord, usize, &ViewRegistration) -> Option<f64>| {
         crate::metrics::mean(views().filter_map(|(r, i, v)| of(r, i, v))).map(|share| 100.0 * share)

@@ -4,7 +4,9 @@ use super::recorded::{self, ForecastRow, RecordedRow, StopRow};
 use super::registration::{self, FailureRow, RegistrationRow};
 use super::rows::{ObjectRow, PairedRow, PolicyRow, SkippedRow, TimeRow};
 use super::table::Table;
-use crate::bootstrap::{Interval, Over, difference, draws, efficiency_interval, efficiency_ratio, mean_interval};
+use crate::bootstrap::{
+    Interval, ResampleUnit, difference, draws, efficiency_interval, efficiency_ratio, mean_interval,
+};
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, efficiency, mean};
@@ -124,16 +126,16 @@ fn value(interval: Option<Interval>) -> Option<f64> {
 }
 
 fn overall(runs: &Runs, config: &EvaluateConfig, policy: &str) -> PolicyRow {
-    let never = config.never;
-    let column = |f| runs.column(f, never);
+    let views_if_unreached = config.views_if_unreached;
+    let column = |f| runs.column(f, views_if_unreached);
     let m = |f| column(f).mean();
     let final_coverage = column(Figure::FinalCoverage);
     let drawn = |over| draws(&final_coverage.sizes(), over, config.resamples, config.seed);
-    let (episodes, objects) = (drawn(Over::Episodes), drawn(Over::Objects));
+    let (episodes, objects) = (drawn(ResampleUnit::Episodes), drawn(ResampleUnit::Objects));
     let count = |f: &dyn Fn(&EpisodeRecord) -> usize| runs.records().map(f).sum::<usize>();
     let coverage = mean_interval(&final_coverage, &episodes);
-    let over_episodes = efficiency_interval(runs, never, &episodes);
-    let over_objects = efficiency_interval(runs, never, &objects);
+    let over_episodes = efficiency_interval(runs, views_if_unreached, &episodes);
+    let over_objects = efficiency_interval(runs, views_if_unreached, &objects);
     PolicyRow {
         policy: policy.to_owned(),
         episodes: runs.len(),
@@ -167,12 +169,12 @@ fn against_baseline(contents: &Contents, config: &EvaluateConfig, policies: &[St
     if baseline.is_empty() {
         return Vec::new();
     }
-    let (never, n, seed) = (config.never, config.resamples, config.seed);
+    let (views_if_unreached, n, seed) = (config.views_if_unreached, config.resamples, config.seed);
     let of = |policy: &String| {
         let runs = runs(contents, policy);
-        let ratio = |over| efficiency_ratio(&runs, &baseline, never, over, n, seed);
-        let differ = |figure| difference(&runs, &baseline, figure, never, Over::Episodes, n, seed);
-        let (episodes, objects) = (ratio(Over::Episodes), ratio(Over::Objects));
+        let ratio = |over| efficiency_ratio(&runs, &baseline, views_if_unreached, over, n, seed);
+        let differ = |figure| difference(&runs, &baseline, figure, views_if_unreached, ResampleUnit::Episodes, n, seed);
+        let (episodes, objects) = (ratio(ResampleUnit::Episodes), ratio(ResampleUnit::Objects));
         let [c, v, cv] = [Figure::FinalCoverage, Figure::ViewsTo(90), Figure::Cv3].map(differ);
         PairedRow {
             policy: policy.clone(),
@@ -208,7 +210,7 @@ fn per_object(contents: &Contents, config: &EvaluateConfig, policies: &[String])
             if runs.is_empty() {
                 continue;
             }
-            let column = |f| runs.column(f, config.never);
+            let column = |f| runs.column(f, config.views_if_unreached);
             let m = |f| column(f).mean();
             let se = |f| column(f).standard_error();
             rows.push(ObjectRow {

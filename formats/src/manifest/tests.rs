@@ -7,7 +7,7 @@ fn every_flipped_bit_of_a_manifest_is_noticed() {
         object: format!("chair/chair_{i:04}"),
         category: "chair".to_owned(),
         split: Split::Train,
-        fate: Fate::Done {
+        status: ObjectStatus::Done {
             shard: format!("shards/chair/chair_{i:04}.safetensors"),
             samples: 3,
             coverage: vec![0.25, 0.5],

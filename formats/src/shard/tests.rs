@@ -1,12 +1,12 @@
 use super::*;
-use crate::{Fate, FormatError, Split};
+use crate::{FormatError, ObjectStatus, Split};
 use geometry::View;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use std::path::Path;
 
 fn record(name: &str) -> ObjectRecord {
-    ObjectRecord { object: name.into(), category: "c".into(), split: Split::Train, fate: Fate::Missing }
+    ObjectRecord { object: name.into(), category: "c".into(), split: Split::Train, status: ObjectStatus::Missing }
 }
 
 fn sample(object: &str, scan_index: usize, num_points: usize, num_candidates: usize) -> Sample {

@@ -29,7 +29,7 @@ fn an_organised_cloud_is_a_depth_image() {
             panic!("a depth image was expected");
         };
         assert!((found.fx - 55.0).abs() < 1e-6 && (found.cy - 25.5).abs() < 1e-6, "{found:?}");
-        assert_eq!((world_from_camera, misses), (expected, Misses::Unknown));
+        assert_eq!((world_from_camera, misses), (expected, NoReturn::Unknown));
         let back = depth.to_points(&found, &world_from_camera);
         assert_eq!(back.len(), points.len());
         assert!(back.iter().zip(&points).all(|(a, b)| (a - b).norm() < 1e-5), "the points come back");
@@ -110,7 +110,7 @@ fn a_principal_point_outside_is_said() {
         let image = DepthImage { origin: [0, 0], size, depth: vec![0.0; (size[0] * size[1]) as usize] };
         let file = DepthFile { image, notes: Vec::new() };
         let camera = DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
-        from_depth_file(file, &camera, Isometry3::identity(), Misses::Unknown).map(|loaded| loaded.reading.notes)
+        from_depth_file(file, &camera, Isometry3::identity(), NoReturn::Unknown).map(|loaded| loaded.reading.notes)
     };
     assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("lies outside"));
     assert!(notes([64, 48], [60.0, 60.0, 16.0, 12.0]).expect("read")[0].contains("far from its middle"));
@@ -181,7 +181,7 @@ fn a_calibrated_lens_is_undone_on_reading() {
     let (image, file) = distorted(folder.path());
     let camera = DepthCamera::from(formats::camera::read_camera(&file).expect("a calibration"));
     let off = |camera: DepthCamera| {
-        let loaded = depth(&image, Some(1e-4), "0,0,0,0,0,0,1", Some(camera), Misses::Unknown).expect("an image");
+        let loaded = depth(&image, Some(1e-4), "0,0,0,0,0,0,1", Some(camera), NoReturn::Unknown).expect("an image");
         let Scan::Depth { camera, depth, .. } = loaded.scan else { panic!("a depth image") };
         let points = depth.to_points(&camera, &Isometry3::identity());
         assert!(points.len() > 2_500);
@@ -191,6 +191,6 @@ fn a_calibrated_lens_is_undone_on_reading() {
     assert!(undone < 5e-4 && ignored > 0.02, "{undone} m off the wall, {ignored} m with the lens ignored");
     let other = DepthCamera { size: Some([128, 96]), ..camera };
     let error =
-        format!("{:#}", depth(&image, None, "0,0,0,0,0,0,1", Some(other), Misses::Unknown).expect_err("a size"));
+        format!("{:#}", depth(&image, None, "0,0,0,0,0,0,1", Some(other), NoReturn::Unknown).expect_err("a size"));
     assert!(error.contains("d.png: 64 x 48 pixels, and the camera was calibrated for 128 x 96"), "{error}");
 }

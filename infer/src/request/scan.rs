@@ -9,7 +9,7 @@ use geometry::{Lens, PointCloud};
 use nalgebra::{Point3, Vector3};
 use planning::pose::from_quaternion;
 use planning::scan::FARTHEST_M;
-use planning::{Misses, Reading, Scan};
+use planning::{NoReturn, Reading, Scan};
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -168,7 +168,7 @@ pub struct DepthRequest<'a> {
     /// Instead of the matrix.
     pub translation_m: Option<[f64; 3]>,
     /// What pixels without a return mean; the service's setting if absent.
-    pub misses: Option<Misses>,
+    pub misses: Option<NoReturn>,
 }
 
 /// Distortion of a lens.

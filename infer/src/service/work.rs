@@ -8,7 +8,7 @@ use crate::load::Loaded;
 use crate::request::{Ask, Body, NextRequest, over};
 use planning::scan::{FARTHEST_M, Scan};
 use planning::session::Request;
-use planning::{Budget, Misses, Network, Session, SessionConfig, SessionError};
+use planning::{Budget, Network, NoReturn, Session, SessionConfig, SessionError};
 use serde::Serialize;
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -214,7 +214,7 @@ fn read_back(store: &Store, id: u64, open: &mut Open) -> Result<(), Refusal> {
 }
 
 /// A scan whose misses mean what was said, or else what the settings say.
-fn meant(mut loaded: Loaded, given: Option<Misses>, config: &SessionConfig) -> Loaded {
+fn meant(mut loaded: Loaded, given: Option<NoReturn>, config: &SessionConfig) -> Loaded {
     if let (Scan::Depth { misses, .. }, None) = (&mut loaded.scan, given) {
         *misses = config.misses;
     }

@@ -3,7 +3,7 @@
 use crate::config::{PlannerName, SessionConfig};
 use crate::planners::farthest::FarthestPlanner;
 use crate::{
-    Allowed, Angles, CameraPose, CandidateConfig, ExpectedPoint, Hole, Misses, PlanError, Planner, RankedView,
+    Allowed, Angles, CameraPose, CandidateConfig, ExpectedPoint, Hole, NoReturn, PlanError, Planner, RankedView,
     ScanState, Seen, Surface, VolumetricConfig, VolumetricPlanner, Workspace,
 };
 use rand_chacha::ChaCha8Rng;
@@ -34,7 +34,7 @@ impl Evidence {
         }
         let each = state.scans.iter().map(|scan| match &scan.seen {
             _ if matches!(scan.pose, CameraPose::Estimated(_)) => Self::Clouds,
-            Seen::Depth { misses: Misses::Free, .. } => Self::DepthWithBackground,
+            Seen::Depth { misses: NoReturn::Free, .. } => Self::DepthWithBackground,
             Seen::Depth { .. } => Self::Depth,
             Seen::Points(_) => Self::CameraPositions,
         });

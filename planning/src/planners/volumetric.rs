@@ -92,12 +92,12 @@ pub struct ViewForecast {
     /// tolerance, and half of what pixels see that enter unknown space without meeting any.
     pub gain: f64,
     /// The gain to tell: the expected surface in its image as a share of the whole, at most what is missing.
-    pub told_gain: f64,
+    pub reported_gain: f64,
     /// Overlap of its scan with the cloud, within the tolerance, which the score counts; `None` where nothing is expected to
     /// be seen.
     pub overlap: Option<f64>,
     /// The overlap to tell: the share of its scan that shows surface which was measured already, however densely.
-    pub told_overlap: Option<f64>,
+    pub reported_overlap: Option<f64>,
     /// Angle at the target between the view and the nearest past camera, in half turns.
     pub novelty: f64,
     /// Measured surface in its image, square metres.
@@ -226,9 +226,9 @@ impl VolumetricPlanner {
             Some(ViewForecast {
                 view: *view,
                 gain: new / total,
-                told_gain: (area.expected / total).min(missing),
+                reported_gain: (area.expected / total).min(missing),
                 overlap: seen.overlap(trust),
-                told_overlap: seen.seen_again(trust),
+                reported_overlap: seen.seen_again(trust),
                 novelty: novelty(view, &state.scans),
                 known_m2: area.known,
                 expected_m2: area.expected,
@@ -258,7 +258,7 @@ impl VolumetricPlanner {
         };
         let ranked = |f: &ViewForecast| {
             let score = if self.config.gain_only { f.gain } else { score(f) };
-            RankedView { view: f.view, score, gain: Some(f.told_gain), overlap: f.told_overlap }
+            RankedView { view: f.view, score, gain: Some(f.reported_gain), overlap: f.reported_overlap }
         };
         let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
         let least = match self.config.min_overlap {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Misses, Scan, Session, SessionConfig};
+use crate::{NoReturn, Scan, Session, SessionConfig};
 use geometry::{PointCloud, View};
 use nalgebra::Isometry3;
 
@@ -34,7 +34,7 @@ fn mixed_pixels_are_those_between_two_depths() {
     assert_eq!(sensor.clean(&mut plane, &camera()), Dropped::default());
 }
 
-fn scan(misses: Misses) -> Scan {
+fn scan(misses: NoReturn) -> Scan {
     Scan::Depth { camera: camera(), depth: image(), world_from_camera: Isometry3::identity(), misses }
 }
 
@@ -42,7 +42,7 @@ fn scan(misses: Misses) -> Scan {
 fn what_is_out_of_range_is_left_out_counted_and_no_background() {
     let config = |sensor| SessionConfig { sensor, working_distance_m: 0.6, max_points: 0, ..Default::default() };
     let sensor = SensorConfig { max_range_m: Some(0.8), ..Default::default() };
-    for misses in [Misses::Free, Misses::Unknown] {
+    for misses in [NoReturn::Free, NoReturn::Unknown] {
         let mut session = Session::new(config(sensor), None).expect("in range");
         let report = session.add_scan(scan(misses)).expect("a scan");
         assert_eq!((report.read, report.beyond_sensor), (12_000, 12_000 - 3_600));

@@ -1,6 +1,6 @@
 use super::*;
 use crate::constraints::Constraint;
-use crate::{Misses, Scan, Session, SessionConfig};
+use crate::{NoReturn, Scan, Session, SessionConfig};
 use geometry::{DepthImage, PinholeCamera, View};
 
 /// A ball of 5 cm radius on a tilted table, as a depth camera sees them; the table's plane.
@@ -28,7 +28,7 @@ fn on_a_table(table_size: f64) -> (Scan, Plane) {
         }
     }
     let depth = DepthImage { origin: [0, 0], size: [320, 240], depth };
-    (Scan::Depth { camera, depth, world_from_camera: pose, misses: Misses::Unknown }, plane)
+    (Scan::Depth { camera, depth, world_from_camera: pose, misses: NoReturn::Unknown }, plane)
 }
 
 fn points(scan: &Scan) -> Vec<Point3<f64>> {

@@ -1,7 +1,7 @@
 //! Synthetic data sets with a rule that a small network can learn.
 #![allow(dead_code, missing_docs)]
 
-use formats::{CloudPrecision, Fate, Manifest, ObjectRecord, Sample, ShardMetadata, ShardWriter, Split};
+use formats::{CloudPrecision, Manifest, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardWriter, Split};
 use geometry::rng::stream;
 use geometry::{PointCloud, View};
 use nalgebra::{Point3, Vector3};
@@ -56,7 +56,7 @@ pub fn write_set(dir: &Path, objects: &[(&str, Split, Vec<Sample>)]) {
             object: (*name).into(),
             category: "synthetic".into(),
             split: *split,
-            fate: Fate::Done {
+            status: ObjectStatus::Done {
                 shard: shard.clone(),
                 samples: samples.len(),
                 coverage: vec![],

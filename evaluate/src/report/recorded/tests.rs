@@ -4,7 +4,7 @@ use crate::record::{Forecast, Timing};
 
 #[test]
 fn forecasts_are_held_against_what_came() {
-    let mut config = EvaluateConfig { resamples: 50, never: 9, ..EvaluateConfig::default() };
+    let mut config = EvaluateConfig { resamples: 50, views_if_unreached: 9, ..EvaluateConfig::default() };
     let episode = |sequence: &str, number: usize, coverages: &[f64], expected: &[f64]| {
         let mut record = record(sequence, "auto", number, coverages, &vec![Some(0.5); coverages.len() - 1]);
         record.forecasts = expected.iter().map(|&gain| Forecast { gain: Some(gain), most: Some(gain) }).collect();

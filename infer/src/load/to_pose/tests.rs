@@ -107,7 +107,7 @@ fn next_view(name: &str, bytes: &[u8]) -> Option<[f64; 3]> {
     let camera = DepthCamera { intrinsics: [40.0, 40.0, 6.0, 4.5], lens: Lens::Pinhole, size: None };
     let loaded = match name.starts_with("depth") {
         true => depth_bytes(name, bytes, None)
-            .and_then(|file| from_depth_file(file, &camera, Isometry3::identity(), Misses::Unknown)),
+            .and_then(|file| from_depth_file(file, &camera, Isometry3::identity(), NoReturn::Unknown)),
         false => cloud_bytes(name, bytes, None, Some([0.0, 0.0, 0.0])),
     };
     let mut session = Session::new(SessionConfig::default(), None).expect("the defaults");

@@ -9,15 +9,15 @@ fn state(seen: Vec<Seen>, num_scans: usize) -> ScanState {
     ScanState { scans, num_scans, ..Default::default() }
 }
 
-fn depth(misses: Misses) -> Seen {
+fn depth(misses: NoReturn) -> Seen {
     Seen::Depth { camera: Default::default(), depth: Default::default(), misses }
 }
 
 #[test]
 fn the_weakest_scan_decides() {
-    let free = || depth(Misses::Free);
+    let free = || depth(NoReturn::Free);
     assert_eq!(Evidence::of(&state(vec![free(), free()], 2)), Evidence::DepthWithBackground, "all carve");
-    assert_eq!(Evidence::of(&state(vec![free(), depth(Misses::Unknown)], 2)), Evidence::Depth, "one is unsure");
+    assert_eq!(Evidence::of(&state(vec![free(), depth(NoReturn::Unknown)], 2)), Evidence::Depth, "one is unsure");
     assert_eq!(Evidence::of(&state(vec![Seen::Points(vec![]), free()], 2)), Evidence::CameraPositions, "points");
     assert_eq!(Evidence::of(&state(vec![free()], 2)), Evidence::Unplaced, "one camera is unknown");
     assert_eq!(Evidence::of(&state(vec![], 1)), Evidence::Unplaced, "no camera is known");

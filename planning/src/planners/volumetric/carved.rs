@@ -4,7 +4,7 @@
 use super::VolumetricPlanner;
 use super::grid::VoxelGrid;
 use super::silhouette::Silhouette;
-use crate::{Misses, PastScan, ScanState, Seen};
+use crate::{NoReturn, PastScan, ScanState, Seen};
 use nalgebra::Point3;
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ const CONTRADICTED: f64 = 0.02;
 pub(super) struct Carved {
     pub(super) scan: Arc<PastScan>,
     /// What its misses are taken to mean: what was told, as long as no other scan sees surface there.
-    misses: Misses,
+    misses: NoReturn,
     /// Where they do not tell what is background.
     pub(super) silhouette: Option<Arc<Silhouette>>,
     /// Whether no other scan sees surface outside of that outline.
@@ -30,7 +30,7 @@ impl Carved {
 
     /// Whether what lies behind nothing is told apart from what is not known.
     pub(super) fn carves(&self) -> bool {
-        self.misses == Misses::Free || self.background().is_some()
+        self.misses == NoReturn::Free || self.background().is_some()
     }
 
     /// Whether its misses were told to be free space and are not.
@@ -39,10 +39,10 @@ impl Carved {
     }
 }
 
-fn told_misses(scan: &PastScan) -> Misses {
+fn told_misses(scan: &PastScan) -> NoReturn {
     match &scan.seen {
         Seen::Depth { misses, .. } => *misses,
-        Seen::Points(_) => Misses::Unknown,
+        Seen::Points(_) => NoReturn::Unknown,
     }
 }
 
@@ -85,8 +85,8 @@ impl VolumetricPlanner {
     }
 
     /// The outline of a scan whose misses do not tell background.
-    fn silhouette(&self, scan: &PastScan, misses: Misses, voxel: f64) -> Option<Arc<Silhouette>> {
-        let presumed = self.config.presume_background && misses != Misses::Free;
+    fn silhouette(&self, scan: &PastScan, misses: NoReturn, voxel: f64) -> Option<Arc<Silhouette>> {
+        let presumed = self.config.presume_background && misses != NoReturn::Free;
         presumed.then(|| Silhouette::of(scan, voxel)).flatten().map(Arc::new)
     }
 
@@ -97,10 +97,10 @@ impl VolumetricPlanner {
         let mut any = false;
         for i in 0..self.carved.len() {
             let carved = &self.carved[i];
-            if carved.misses == Misses::Free && num_missed(&carved.scan, points) > most {
+            if carved.misses == NoReturn::Free && num_missed(&carved.scan, points) > most {
                 let scan = Arc::clone(&carved.scan);
-                let silhouette = self.silhouette(&scan, Misses::Unknown, voxel);
-                self.carved[i] = Carved { scan, misses: Misses::Unknown, silhouette, trusted: true };
+                let silhouette = self.silhouette(&scan, NoReturn::Unknown, voxel);
+                self.carved[i] = Carved { scan, misses: NoReturn::Unknown, silhouette, trusted: true };
                 any = true;
             }
             let Some(silhouette) = self.carved[i].background() else { continue };

@@ -4,7 +4,7 @@
 //! bounds test.
 
 use super::membrane::Membrane;
-use crate::{Misses, PastScan, Plane, Seen};
+use crate::{NoReturn, PastScan, Plane, Seen};
 use geometry::{DepthImage, PinholeCamera, PointCloud};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -175,7 +175,7 @@ impl VoxelGrid {
 
     /// Takes in what a scan saw: free space along its rays, surface at their ends. `misses` is what pixels without a return
     /// are taken to mean.
-    pub(super) fn carve(&mut self, scan: &PastScan, misses: Misses) {
+    pub(super) fn carve(&mut self, scan: &PastScan, misses: NoReturn) {
         match &scan.seen {
             Seen::Depth { camera, depth, .. } => {
                 self.carve_depth(&scan.world_from_camera, camera, depth, misses);
@@ -232,14 +232,14 @@ impl VoxelGrid {
     }
 
     /// Unknown voxels whose middle is nearer than the depth of its pixel are free; on a miss all, if misses mean that.
-    fn carve_depth(&mut self, pose: &Isometry3<f64>, camera: &PinholeCamera, depth: &DepthImage, misses: Misses) {
+    fn carve_depth(&mut self, pose: &Isometry3<f64>, camera: &PinholeCamera, depth: &DepthImage, misses: NoReturn) {
         let Projection { corner, axes } = self.projection(&pose.inverse());
         let margin = (0.75 * self.voxel) as f32;
         let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5].map(|x| x as f32);
         let (width, height) = (camera.width as f32, camera.height as f32);
         let [x0, y0] = depth.origin.map(|x| x as usize);
         let [columns, rows] = depth.size.map(|x| x as usize);
-        let on_miss = misses == Misses::Free;
+        let on_miss = misses == NoReturn::Free;
         for &i in &self.unknown {
             let cell = self.coordinates(i).map(|x| x as f32);
             let at = |k: usize| corner[k] + cell[0] * axes[0][k] + cell[1] * axes[1][k] + cell[2] * axes[2][k];

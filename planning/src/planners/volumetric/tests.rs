@@ -1,13 +1,13 @@
 use super::predict::{Forecast, bounded_stride};
 use super::tiles::{TILE, Tiles};
 use super::*;
-use crate::{Misses, Seen};
+use crate::{NoReturn, Seen};
 use geometry::{DepthImage, NeighborGrid, PointCloud, View, rng};
 
 mod outlines_and_areas;
 
 /// A ball of 8 cm seen from +z, by its analytic depth image.
-fn ball(misses: Misses) -> ScanState {
+fn ball(misses: NoReturn) -> ScanState {
     let camera = PinholeCamera::default();
     let view = View { target: Point3::origin(), position: Point3::new(0.0, 0.0, 1.2) };
     let pose = view.world_from_camera();
@@ -44,7 +44,7 @@ fn ball(misses: Misses) -> ScanState {
 
 #[test]
 fn the_other_side_of_a_ball_is_expected_and_chosen() {
-    for misses in [Misses::Free, Misses::Unknown] {
+    for misses in [NoReturn::Free, NoReturn::Unknown] {
         let state = ball(misses);
         let mut planner = VolumetricPlanner::new(VolumetricConfig { gain_only: true, ..Default::default() });
         let ranked = planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
@@ -77,7 +77,7 @@ fn prepared_with_area(state: &ScanState) -> (VoxelGrid, f64) {
 
 #[test]
 fn voxels_are_as_wide_as_what_a_point_covers_and_rays_as_far_apart() {
-    let mut state = ball(Misses::Free);
+    let mut state = ball(NoReturn::Free);
     state.grid_size = 0.0;
     let pixel = |distance: f64| PinholeCamera::default().pixel_size(distance);
     let mut expect = |distance: f64, tolerance: f64, voxel: f64, stride: u32| {
@@ -99,7 +99,7 @@ fn from_z(z: f64) -> View {
 
 /// The grid of a cloud in the plane z = 0, and how far its covered shares are from the true ones on the mean.
 fn error_of_covered(points: Vec<Point3<f64>>) -> f64 {
-    let mut state = ball(Misses::Unknown);
+    let mut state = ball(NoReturn::Unknown);
     let tolerance = state.tolerance;
     state.cloud.normals = vec![Vector3::z(); points.len()];
     state.cloud.points = points;
@@ -146,7 +146,7 @@ fn the_covered_share_of_a_sparse_plane_is_that_of_its_discs() {
 
 #[test]
 fn a_view_from_the_same_place_overlaps_wholly() {
-    let state = ball(Misses::Free);
+    let state = ball(NoReturn::Free);
     let grid = prepared(&state);
     let marcher = Marcher::new(&grid, true);
     let same = marcher.forecast(&state.camera, &from_z(1.2).world_from_camera(), 2, 0.002);
@@ -200,7 +200,7 @@ fn every_step(grid: &VoxelGrid, camera: &PinholeCamera, view: &View, stride: u32
 
 #[test]
 fn leaps_and_tiles_change_nothing() {
-    let state = ball(Misses::Free);
+    let state = ball(NoReturn::Free);
     let grid = prepared(&state);
     let marcher = Marcher::new(&grid, true);
     let camera = PinholeCamera::from_fov_y(80, 60, 0.5);
@@ -224,7 +224,7 @@ fn leaps_and_tiles_change_nothing() {
 
 #[test]
 fn where_misses_mean_nothing_the_same_stops_the_rays() {
-    let state = ball(Misses::Unknown);
+    let state = ball(NoReturn::Unknown);
     let grid = prepared(&state);
     let [told, untold] = [true, false].map(|carves| Marcher::new(&grid, carves));
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6]] {
@@ -242,7 +242,7 @@ fn rays_carve_the_cube_wherever_they_end() {
         let mut grid = VoxelGrid::new(&Point3::origin(), 0.1, 0.01);
         let seen = Seen::Points(end.into_iter().map(Point3::from).collect());
         let scan = PastScan { world_from_camera: from_z(1.0).world_from_camera(), seen, pose: Default::default() };
-        grid.carve(&scan, Misses::Unknown);
+        grid.carve(&scan, NoReturn::Unknown);
         grid.unknown.len()
     };
     let carved = |end| unknown_after(None) - unknown_after(Some(end));
@@ -255,7 +255,7 @@ fn rays_carve_the_cube_wherever_they_end() {
 #[test]
 fn the_membrane_is_that_of_relaxing_voxel_by_voxel() {
     use super::grid::{HOLLOW, SOLID};
-    for misses in [Misses::Free, Misses::Unknown] {
+    for misses in [NoReturn::Free, NoReturn::Unknown] {
         let state = ball(misses);
         let mut grid = VolumetricPlanner::default().carved_grid(&state);
         grid.set_cloud(&state.cloud);
@@ -283,7 +283,7 @@ fn the_membrane_is_that_of_relaxing_voxel_by_voxel() {
 
 #[test]
 fn without_cameras_there_is_no_view() {
-    let mut state = ball(Misses::Free);
+    let mut state = ball(NoReturn::Free);
     state.scans.clear();
     let error = VolumetricPlanner::default().rank_views(&state, &mut rng::stream(1, "planner")).expect_err("none");
     assert!(!error.is_end() && error.to_string().contains("the cameras of 0 of 1 scans are known"), "{error}");
@@ -291,7 +291,7 @@ fn without_cameras_there_is_no_view() {
 
 #[test]
 fn novelty_is_the_angle_to_the_nearest_past_camera() {
-    let state = ball(Misses::Free);
+    let state = ball(NoReturn::Free);
     let of = |position: [f64; 3]| novelty(&View { target: Point3::origin(), position: position.into() }, &state.scans);
     assert!(of([0.0, 0.0, 0.7]).abs() < 1e-9, "where the camera was");
     assert!((of([0.5, 0.0, 0.0]) - 0.5).abs() < 1e-9, "a quarter turn");
@@ -300,7 +300,7 @@ fn novelty_is_the_angle_to_the_nearest_past_camera() {
 
 #[test]
 fn no_gain_exceeds_what_is_missing() {
-    let state = ball(Misses::Free);
+    let state = ball(NoReturn::Free);
     let mut planner = VolumetricPlanner::new(VolumetricConfig::default());
     let ranked = planner.rank_views(&state, &mut rng::stream(1, "test")).expect("views");
     let missing = 1.0 - planner.surface().covered();
@@ -315,7 +315,7 @@ fn no_gain_exceeds_what_is_missing() {
 
 #[test]
 fn a_scene_that_fills_the_image_is_sampled_coarser() {
-    let state = ball(Misses::Free);
+    let state = ball(NoReturn::Free);
     let grid = prepared(&state);
     let marcher = Marcher::new(&grid, true);
     // The ball from near, at two resolutions: the finer one is over the limit.

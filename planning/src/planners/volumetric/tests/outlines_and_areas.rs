@@ -3,7 +3,7 @@ use super::*;
 
 #[test]
 fn outside_of_the_outline_is_background_and_a_dropout_is_not() {
-    let state = ball(Misses::Unknown);
+    let state = ball(NoReturn::Unknown);
     let mut scan = (*state.scans[0]).clone();
     let points = PastScan { seen: Seen::Points(state.cloud.points.clone()), ..scan.clone() };
     if let Seen::Depth { depth, .. } = &mut scan.seen {
@@ -26,7 +26,7 @@ fn outside_of_the_outline_is_background_and_a_dropout_is_not() {
 
 #[test]
 fn an_outline_that_others_contradict_is_no_longer_trusted() {
-    let mut state = ball(Misses::Unknown);
+    let mut state = ball(NoReturn::Unknown);
     let mut planner = VolumetricPlanner::default();
     planner.carved_grid(&state);
     assert!(planner.carved[0].background().is_some(), "nothing speaks against it");
@@ -42,7 +42,7 @@ fn an_outline_that_others_contradict_is_no_longer_trusted() {
 #[test]
 fn areas_are_those_of_the_ball() {
     let cap = 2.0 * std::f64::consts::PI * 0.08 * 0.08 * (1.0 - 0.08 / 1.2);
-    let state = ball(Misses::Free);
+    let state = ball(NoReturn::Free);
     let (grid, known_m2) = prepared_with_area(&state);
     let marcher = Marcher::new(&grid, true);
     // At the limb its points are too far apart to tell.
@@ -79,7 +79,7 @@ fn what_a_scan_covers_of_a_surface_follows_from_its_pixels() {
 
 #[test]
 fn given_views_are_scored_and_none_is_invented() {
-    let mut state = ball(Misses::Free);
+    let mut state = ball(NoReturn::Free);
     let poses = [from_z(1.2), from_z(-1.2), View { target: Point3::origin(), position: Point3::new(1.2, 0.0, 0.0) }];
     state.given_views = poses.iter().map(View::world_from_camera).collect();
     let mut planner = VolumetricPlanner::new(VolumetricConfig { gain_only: true, ..Default::default() });
@@ -92,7 +92,7 @@ fn given_views_are_scored_and_none_is_invented() {
 
 #[test]
 fn misses_are_not_free_space_where_another_scan_saw_surface() {
-    let mut state = ball(Misses::Free);
+    let mut state = ball(NoReturn::Free);
     let mut planner = VolumetricPlanner::default();
     planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
     assert!(planner.scans_with_distrusted_misses().is_empty(), "nothing speaks against it");
