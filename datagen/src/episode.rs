@@ -97,8 +97,12 @@ impl Episode {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "none of {draws} first views gave a usable scan: the best had {points} points (wanted {min_points}) and covered \
-     {:.1} % of the surface (wanted {:.1} %); is the object of the expected size (0.2 m) and in view at this distance?",
-    100.0 * coverage, 100.0 * min_coverage
+     {:.1} % of the surface (wanted {:.1} %); {}",
+    100.0 * coverage, 100.0 * min_coverage,
+    match ruled_out {
+        Some(reason) => format!("and views were ruled out, the last one because of: {reason}"),
+        None => "is the object of the expected size (0.2 m) and in view at this distance?".to_owned(),
+    }
 )]
 pub struct VoidEpisode {
     /// First views tried.
@@ -111,6 +115,8 @@ pub struct VoidEpisode {
     pub coverage: f64,
     /// Coverage wanted.
     pub min_coverage: f64,
+    /// What spoke against views that were not even tried.
+    pub ruled_out: Option<String>,
 }
 
 /// Why there is no outcome.
@@ -259,7 +265,7 @@ pub fn run_session(
         Stage::Simulated { .. } => first_scan(&mut camera, &mut world, &config, rng)?,
         Stage::Recorded { recording, start, .. } => {
             let view = recording.views()[start];
-            world.begin(camera.take(&view)).map_err(|error| EpisodeError::Refused { scan: 0, error })?;
+            world.begin(world.shoot(&mut camera, &view)).map_err(|error| EpisodeError::Refused { scan: 0, error })?;
             (view, 0)
         }
     };
@@ -298,7 +304,7 @@ pub fn run_session(
             break;
         };
         view = best.view;
-        let shot = camera.take(&view);
+        let shot = world.shoot(&mut camera, &view);
         episode.overlaps.push(world.overlap(&view, &shot));
         episode.scan_points.push(shot.points.len());
         world.add(shot).map_err(|error| EpisodeError::Refused { scan: index + 1, error })?;
@@ -318,11 +324,17 @@ fn first_scan(
     config: &EpisodeConfig,
     rng: &mut ChaCha8Rng,
 ) -> Result<(View, usize), VoidEpisode> {
-    let (mut most_points, mut best_coverage) = (0, 0f64);
+    let (mut most_points, mut best_coverage, mut ruled_out) = (0, 0f64, None);
     for void_draws in 0..config.max_draws {
-        let view = initial_view(config, rng);
+        let view = match first_in_reach(&world.session, config, rng) {
+            Ok(view) => view,
+            Err(reason) => {
+                ruled_out = Some(reason);
+                continue;
+            }
+        };
         camera.restart();
-        let shot = camera.take(&view);
+        let shot = world.shoot(camera, &view);
         let points = shot.points.len();
         most_points = most_points.max(points);
         if points < config.min_first_points.max(2) {
@@ -332,8 +344,9 @@ fn first_scan(
             continue;
         }
         best_coverage = best_coverage.max(world.covered);
-        // As published: a scan with more points than the reference is void too.
-        if world.covered < config.min_first_coverage || points > world.reference().len() {
+        // As published: a scan with more points than the reference is void too; those of a table do not count.
+        let too_many = world.session.support().is_none() && points > world.reference().len();
+        if world.covered < config.min_first_coverage || too_many {
             continue;
         }
         return Ok((view, void_draws));
@@ -344,7 +357,26 @@ fn first_scan(
         min_points: config.min_first_points,
         coverage: best_coverage,
         min_coverage: config.min_first_coverage,
+        ruled_out,
     })
+}
+
+/// A first view that the session's cell allows: one of those given, where views are.
+///
+/// # Errors
+/// What spoke against the last one drawn.
+fn first_in_reach(session: &Session, config: &EpisodeConfig, rng: &mut ChaCha8Rng) -> Result<View, String> {
+    const DRAWS: usize = 100;
+    let given = session.state().given();
+    let mut reason = String::new();
+    for _ in 0..DRAWS {
+        let view = if given.is_empty() { initial_view(config, rng) } else { given[rng.random_range(0..given.len())] };
+        match session.place(&view).objections.into_iter().next() {
+            None => return Ok(view),
+            Some(objection) => reason = objection.reason,
+        }
+    }
+    Err(reason)
 }
 
 /// The first view: camera on the upper half of a sphere around the origin, polar angle uniform in [0, 90) degrees,

@@ -20,6 +20,7 @@ pub mod search;
 #[cfg(test)]
 mod testing;
 pub mod verify;
+mod visibility;
 mod world;
 
 pub use config::DatagenConfig;
@@ -33,4 +34,5 @@ pub use recording::Recording;
 pub use registration::{EpisodeRegistration, RegistrationOutcome};
 pub use scene::{RenderConfig, RenderScratch, Renderer, Scene};
 pub use search::{ScoredViews, SearchConfig, SearchPlanner, score_views};
+pub use visibility::visible_from;
 pub use world::episode_session;

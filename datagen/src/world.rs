@@ -9,7 +9,7 @@ use geometry::{PointCloud, View, coverage, overlap};
 use nalgebra::{Isometry3, Point3};
 use planning::accumulate::{averaged, reference_surface};
 use planning::config::CameraConfig;
-use planning::{Accumulate, NoReturn, Scan, ScanReport, Session, SessionConfig, SessionError};
+use planning::{Accumulate, Budget, NoReturn, Reading, Scan, ScanReport, Session, SessionConfig, SessionError};
 use std::borrow::Cow;
 
 pub(crate) use camera::{ScanCamera, Shot};
@@ -101,7 +101,9 @@ impl<'a> World<'a> {
             return placed.look(view, shot, self.session.state(), &self.session.config().registration);
         }
         match (&self.truth, shot.recorded) {
-            (Truth::Surface { .. }, _) => overlap(&shot.points, &self.cloud().points, self.config.tolerance_m),
+            (Truth::Surface { .. }, _) => {
+                overlap(&self.above_support(shot.points[..].into()), &self.cloud().points, self.config.tolerance_m)
+            }
             (Truth::Recorded { recording, covered }, Some(scan)) => {
                 let covers = recording.covered_by(scan);
                 let again = covers.iter().filter(|&&i| covered[i as usize]).count();
@@ -109,6 +111,13 @@ impl<'a> World<'a> {
             }
             (Truth::Recorded { .. }, None) => None,
         }
+    }
+
+    /// Points of the object, not of what it stands on, as far as the session knows that.
+    fn above_support<'p>(&self, points: Cow<'p, [Point3<f64>]>) -> Cow<'p, [Point3<f64>]> {
+        let Some(plane) = self.session.support() else { return points };
+        let margin = self.session.config().support_margin_m;
+        points.iter().copied().filter(|p| plane.height(p) > margin).collect()
     }
 
     fn sees_what_is_measured(&self) -> bool {
@@ -141,6 +150,13 @@ impl<'a> World<'a> {
         self.first = true;
         self.first_points = shot.points.len();
         self.add(shot)
+    }
+
+    /// Takes a view, with the table where the session turns it to.
+    pub fn shoot(&self, camera: &mut ScanCamera, view: &View) -> Shot {
+        let turns = self.session.config().turntable.is_some();
+        let table_deg = turns.then(|| self.session.place(view).table.map(|table| table.stop_deg)).flatten();
+        Shot { table_deg, ..camera.take(view) }
     }
 
     /// Adds a scan. One without points tells planners what is empty.
@@ -184,6 +200,7 @@ impl<'a> World<'a> {
                 }
             },
         };
+        let points = self.above_support(points.into()).into_owned();
         let refused = told.err();
         match &mut self.truth {
             // The settings of an episode refuse no scan; those of `infer --object` one that shows nothing.
@@ -220,6 +237,7 @@ impl<'a> World<'a> {
 
     /// Tells the session of a scan what it may know; `None` where it is told nothing.
     fn tell(&mut self, shot: Shot) -> Result<Option<ScanReport>, SessionError> {
+        let table_angle_deg = shot.table_deg;
         let scan = match self.evidence {
             None => return Ok(None),
             Some(EpisodeEvidence::DepthWithBackground) => depth_scan(shot, NoReturn::Free),
@@ -235,7 +253,14 @@ impl<'a> World<'a> {
                 cloud_scan(self.all.clone(), None)
             }
         };
-        self.session.add_scan(scan).map(Some)
+        // As a cell gives it: in its own frame, with the angle of the table.
+        let turned = self.session.config().turntable.as_ref().zip(table_angle_deg);
+        let scan = match turned {
+            Some((table, angle)) => scan.moved(&table.cell_from_object(angle)),
+            None => scan,
+        };
+        let reading = Reading { table_angle_deg, ..Reading::default() };
+        self.session.add_scan_within(scan, reading, &Budget::default()).map(Some)
     }
 }
 

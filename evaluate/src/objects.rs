@@ -1,16 +1,16 @@
 //! The objects of a run: meshes at the working size with samples of their surfaces, or recordings.
 
 use crate::config::{EvaluateConfig, Surface};
-use crate::policies::sphere::{fibonacci, view_at};
 use datagen::dataset::{
     DatasetError, DatasetName, Object as Source, SplitChoice, list_objects, list_sequences, load_mesh,
 };
-use datagen::{EpisodeConfig, Recording, RenderConfig, Scene};
+use datagen::{Recording, Scene, visible_from};
 use formats::sequence::read_sequence;
+use geometry::Mesh;
 use geometry::rng::stream;
 use geometry::sampling::poisson_disk_sample;
-use geometry::{Mesh, NeighborGrid};
-use nalgebra::{Point3, Vector3};
+use geometry::sphere::{fibonacci, view_at};
+use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 
 /// An object ready to be scanned.
@@ -144,14 +144,16 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
         return Err(ObjectError::NoSurface);
     }
     let table_top = mesh.bounding_box().0.z;
+    let around =
+        |views| fibonacci(views).iter().map(|d| view_at(d, config.episode.working_distance_m)).collect::<Vec<_>>();
     let scene = Scene::new(mesh);
     let all = samples.len();
     if config.reference_views > 0 {
-        samples = visible_from(&scene, &samples, &config.episode, fibonacci(config.reference_views));
+        samples = visible_from(&scene, &samples, &config.episode, around(config.reference_views));
     }
     let left_out = (all - samples.len()) as f64 / all as f64;
     let least_z = config.table.as_ref().map(|table| {
-        let above = fibonacci(2 * table.views).into_iter().filter(|d| d.z > 0.0);
+        let above = around(2 * table.views).into_iter().filter(|view| view.position.z > 0.0);
         samples = visible_from(&scene, &samples, &config.episode, above);
         table_top + table.clearance_m
     });
@@ -165,25 +167,6 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
 fn published_samples(mesh: &Path) -> PathBuf {
     let stem = mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     mesh.with_file_name(format!("{stem}_simple60k.npy"))
-}
-
-/// The samples that some view from one of these directions sees.
-fn visible_from(
-    scene: &Scene,
-    samples: &[Point3<f64>],
-    episode: &EpisodeConfig,
-    directions: impl IntoIterator<Item = Vector3<f64>>,
-) -> Vec<Point3<f64>> {
-    let camera = episode.image.camera();
-    let render = RenderConfig { noise: None, ..episode.render.clone() };
-    let mut seen = Vec::new();
-    for direction in directions {
-        let view = view_at(&direction, episode.working_distance_m);
-        let pose = view.world_from_camera();
-        seen.extend(scene.depth_image(&camera, &pose, &render).to_points(&camera, &pose));
-    }
-    let grid = NeighborGrid::new(&seen, 2.0 * episode.tolerance_m);
-    samples.iter().copied().filter(|p| grid.any_within(p, episode.tolerance_m)).collect()
 }
 
 #[cfg(test)]

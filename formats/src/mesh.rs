@@ -4,6 +4,9 @@ mod obj;
 mod off;
 mod polygon;
 mod stl;
+mod write;
+
+pub use write::write_surface;
 
 use crate::FormatError;
 use crate::error::Place;

@@ -23,6 +23,7 @@ pub mod rank_correlation;
 pub mod reconstruction;
 pub mod rng;
 pub mod sampling;
+pub mod sphere;
 pub mod undistort;
 pub mod view;
 

@@ -11,6 +11,8 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
+/// Edge of the lattice, in spacings.
+const EDGE: f64 = 1.25;
 /// Radius within which points shape the surface, in spacings: holes smaller than this are closed.
 const SUPPORT: f64 = 3.0;
 /// Lattice points up to this many lattice edges from a point are looked at.
@@ -46,7 +48,8 @@ pub fn reconstruct(cloud: &PointCloud, spacing: f64) -> Reconstruction {
     if cloud.normals.len() != cloud.points.len() || cloud.points.len() < 2 || !(sides.is_finite() && sides < MAX_SIDE) {
         return Reconstruction::default();
     }
-    let field = Field { cloud, grid: NeighborGrid::new(&cloud.points, 2.0 * spacing), origin: low, edge: spacing };
+    let field =
+        Field { cloud, grid: NeighborGrid::new(&cloud.points, 2.0 * spacing), origin: low, edge: EDGE * spacing };
     let lattice = field.near();
     let values: FxHashMap<Cell, Value> =
         lattice.par_iter().filter_map(|at| Some((*at, field.value(at)?))).collect::<Vec<_>>().into_iter().collect();
@@ -101,7 +104,7 @@ impl Field<'_> {
     /// `None` where no surface was measured.
     fn value(&self, at: &Cell) -> Option<Value> {
         let x = self.position(at);
-        let support = SUPPORT * self.edge;
+        let support = SUPPORT / EDGE * self.edge;
         let near = self.grid.within(&x, support);
         let facing = self.cloud.normals[near.first()?.index];
         let (mut weights, mut distance) = (0.0, 0.0);
@@ -124,7 +127,7 @@ impl Field<'_> {
         let aside = middle - normal * normal.dot(&middle);
         let distance = distance / weights;
         let on_it = distance.is_finite() && aside.norm() <= AT_THE_END * support;
-        on_it.then(|| Value { distance: if distance == 0.0 { f64::MIN_POSITIVE } else { distance }, normal })
+        on_it.then_some(Value { distance: if distance == 0.0 { f64::MIN_POSITIVE } else { distance }, normal })
     }
 }
 

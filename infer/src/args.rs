@@ -23,7 +23,7 @@ Examples:
   infer --config cell.toml --depth d.png --pose p.json --table-angle-deg 30
   infer --scan a.ply --from 0,0,1 --support auto --robot samples/robots/ur5e.urdf --tool tool0 --flange-from-camera hand_eye.json
   infer --session part7 --scan c.ply --from 0.8,0.2,0.9
-  infer --object procedural:3 --views 10 --report loop.html
+  infer --object procedural:3 --views 10 --report loop.html --mesh part.ply
   infer --serve --http 127.0.0.1:8350
   infer --scan a.ply --from 0,0,1 --set constraints.floor_height_m=0.05 --set constraints.max_travel_m=0.8
 
@@ -66,8 +66,8 @@ pub struct Args {
     #[arg(long, num_args = 1.., value_name = "DEGREES", value_parser = angle, allow_negative_numbers = true, conflicts_with_all = ["object", "serve"])]
     pub table_angle_deg: Vec<f64>,
     /// What the object stands on: auto (found in the first scan), none, or the plane nx,ny,nz,d of points p with n . p = d, metres. It is
-    /// taken away from the scans, and no view is under it.
-    #[arg(long, value_name = "auto|none|NX,NY,NZ,D", value_parser = support, conflicts_with = "object")]
+    /// taken away from the scans, and no view is under it. With --object, auto stands the object on a table.
+    #[arg(long, value_name = "auto|none|NX,NY,NZ,D", value_parser = support)]
     pub support: Option<Support>,
     /// URDF of the serial arm that carries the camera: views are ruled out that it does not reach, or where it would touch what was
     /// measured, what is expected in unknown space, keep_out_m or itself. More: [robot] of the settings.
@@ -116,6 +116,12 @@ pub struct Args {
     /// Write the cloud and the candidates as frustums to this PLY.
     #[arg(long, value_name = "FILE")]
     pub ply: Option<PathBuf>,
+    /// Write the measured surface as triangles to this PLY (normals, colours, `rim` 1 where it ends) or STL, metres.
+    #[arg(long, value_name = "FILE", conflicts_with = "serve")]
+    pub mesh: Option<PathBuf>,
+    /// Write the cloud that is planned on, with normals, to this PLY, metres.
+    #[arg(long, value_name = "FILE", conflicts_with = "serve")]
+    pub cloud: Option<PathBuf>,
     /// Write a page to turn with the mouse: cloud, boundary, candidates, next view.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

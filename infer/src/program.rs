@@ -198,8 +198,13 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
         return Err(error.into());
     }
     let coverage: Vec<f64> = outcome.steps.iter().map(|s| s.coverage).collect();
-    if !args.json {
-        print_line(format_args!("ended: {}", outcome.ended))?;
+    match &outcome.within_reach {
+        Some(within_reach) if args.json => print_line(serde_json::to_string(within_reach)?)?,
+        _ if args.json => {}
+        within_reach => {
+            print_line(format_args!("ended: {}", outcome.ended))?;
+            within_reach.iter().try_for_each(|w| print_line(w.describe()))?;
+        }
     }
     write_files(args, object, &outcome.session, &outcome.last, &outcome.poses, &coverage)?;
     if let Some(directory) = &args.export_scans {
@@ -234,6 +239,12 @@ fn write_files(
 ) -> Result<()> {
     if let Some(path) = &args.ply {
         frustums::write(path, session, answer)?;
+    }
+    if let Some(path) = &args.cloud {
+        formats::cloud::write_ply(path, session.cloud())?;
+    }
+    if let Some(path) = &args.mesh {
+        formats::mesh::write_surface(path, &session.mesh())?;
     }
     if let Some(path) = &args.report {
         let input = ReportInput { title, session, past, coverage };

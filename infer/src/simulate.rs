@@ -1,5 +1,7 @@
 //! `--object`: the closed loop in the simulator, through the same session that a real cell uses.
 
+mod cell;
+
 use crate::args::Args;
 use crate::load::PoseFile;
 use anyhow::{Context, Result, bail};
@@ -11,10 +13,12 @@ use geometry::sampling::poisson_disk_sample;
 use geometry::{Mesh, PinholeCamera, PointCloud, View, rng};
 use nalgebra::{Isometry3, Point3};
 use planning::pose::Pose;
-use planning::{Answer, Candidate, PlanError, RankedView, Session};
+use planning::{Answer, Candidate, PlanError, RankedView, Reached, Session, Support};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::path::Path;
+
+pub use cell::WithinReach;
 
 /// Samples of the true surface (method, 'Setting').
 const SURFACE_SAMPLES: usize = 60_000;
@@ -39,6 +43,9 @@ pub struct Step {
     /// Where the turntable stopped for it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub table_stop_deg: Option<f64>,
+    /// Where the arm's joints are; absent without an arm, and for the first view.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reached: Option<Reached>,
     /// The planner that chose it.
     pub planner: Option<String>,
 }
@@ -55,6 +62,8 @@ pub struct Outcome {
     pub poses: Vec<Isometry3<f64>>,
     /// Why it ended.
     pub ended: String,
+    /// What a cell with limits lets the camera see; `None` without limits.
+    pub within_reach: Option<WithinReach>,
 }
 
 /// Scans the object until `views` next views are done, none is left, or none is worth it. Shows each step.
@@ -64,7 +73,13 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
     let seed = settings.seed;
     let samples = poisson_disk_sample(&mesh, SURFACE_SAMPLES, &mut rng::stream(seed, "infer/surface"));
     let samples = samples.with_context(|| object.to_owned())?;
-    let scene = Scene::new(mesh);
+    let scene = Scene::new(match settings.support {
+        Support::None => mesh,
+        Support::Auto => cell::on_table(mesh, &settings.constraints.up()),
+        Support::Plane(_) => {
+            bail!("--support: with --object, auto stands the object on a table, and none lets it float")
+        }
+    });
     let camera = &settings.camera;
     if camera.intrinsics.is_some() {
         bail!("camera.intrinsics: the simulator takes camera.fov_y_deg and square pixels");
@@ -90,6 +105,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
             expected_gain: expected.and_then(|a| a.stop.expected_gain),
             gain: coverage - steps.last().map_or(0.0, |s: &Step| s.coverage),
             table_stop_deg: expected.and_then(|a| Some(a.next.as_ref()?.table.as_ref()?.stop_deg)),
+            reached: expected.and_then(|a| a.next.as_ref()?.reached.clone()),
             planner: expected.map(|a| a.planner.clone()),
         };
         show(&step);
@@ -113,6 +129,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
     let mut stream = rng::stream(seed, "infer/episode");
     let stage = Stage::Simulated { scene: &scene, samples: &samples };
     let outcome = datagen::run_session(stage, session, &episode, &mut stream, decide);
+    let setting = episode;
     let (episode, mut session) = match (outcome, failed) {
         (Ok(outcome), _) => outcome,
         (Err(_), Some(error)) => return Err(error.into()),
@@ -137,7 +154,8 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
         }
     };
     let poses = episode.views.iter().map(View::world_from_camera).collect();
-    Ok(Outcome { session, last, steps, poses, ended })
+    let within_reach = cell::within_reach(&scene, &samples, &setting, &session, &episode.cloud.points);
+    Ok(Outcome { session, last, steps, poses, ended, within_reach })
 }
 
 fn ranked(candidate: &Candidate) -> RankedView {

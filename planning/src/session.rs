@@ -13,21 +13,20 @@ mod table;
 mod warnings;
 
 use crate::answer::{Answer, Candidate, CloudSummary, EstimatedCamera};
-use crate::config::{PlannerName, SessionConfig};
-use crate::constraints::{Surroundings, count_exclusions};
+use crate::config::SessionConfig;
+use crate::constraints::count_exclusions;
 use crate::doubt::Offset;
-use crate::planners::auto::{AutoPlanner, Network};
-use crate::registration::registrability::Demand;
+use crate::planners::auto::{AutoPlanner, Choice, Network};
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
 use crate::{Accumulate, Budget, Evidence, Plane, Planner, Reach, ScanState};
-use geometry::PointCloud;
+use geometry::{PointCloud, Reconstruction, reconstruct};
 use nalgebra::{Isometry3, Point3};
-use placing::{Armed, Cell};
 use ranking::{Ranking, rank};
 use std::sync::Arc;
 
 pub use error::SessionError;
+pub use placing::Placed;
 pub use request::{ReachCheck, Request};
 
 /// A camera within this share of the working distance of a given view has scanned from there.
@@ -102,6 +101,7 @@ impl Session {
             reach: None,
         };
         session.place_views();
+        session.rebuild();
         session
     }
 
@@ -202,6 +202,11 @@ impl Session {
         &self.state.cloud
     }
 
+    /// The surface of that cloud as triangles: closed where it was measured all around, else with a rim where it ends.
+    pub fn mesh(&self) -> Reconstruction {
+        reconstruct(&self.state.cloud, self.state.grid_size)
+    }
+
     /// What the planners see.
     pub fn state(&self) -> &ScanState {
         &self.state
@@ -231,8 +236,6 @@ impl Session {
         }
         self.compare_scans();
         let constraints = &self.config.constraints;
-        let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(PreparedScan::camera_position).collect();
-        let table_deg = self.table_deg();
         let last = self.scans.last().and_then(PreparedScan::camera_position).map(|p| self.cell_from_object() * p);
         let asked = request.current_position_m.or(constraints.current_position_m);
         let current = asked.map(Point3::from).or(last);
@@ -247,43 +250,24 @@ impl Session {
             Some(known) => known,
             None => rank(&mut self.planners, &mut self.state, config, num_scans, choice.planner)?,
         };
-        let complete = ranking.complete;
-        let &mut Ranking { views: ref ranked, boundary, .. } = self.ranking.insert(ranking);
-        let scanned = if self.state.given_views.is_empty() { Vec::new() } else { positions.clone() };
-        let visited = positions.into_iter().chain(constraints.visited_m.iter().map(|p| Point3::from(*p))).collect();
-        let (low, high) = self.state.cloud.bounding_box();
-        let known = Surroundings {
-            bounds: [low, high],
-            points: &self.state.cloud.points,
-            normals: &self.state.cloud.normals,
-            spacing: self.state.grid_size,
-            current,
-            visited,
-        };
-        let avoid = self.config.robot.as_ref().is_some_and(|r| r.avoid_unknown);
-        let expected = if avoid { self.planners.expected_surface(choice.planner) } else { Vec::new() };
-        let expected = expected.into_iter().map(|(point, _)| point).collect();
-        let cell = Cell {
-            config: &self.config,
-            state: &self.state,
-            limits: constraints.clone(),
-            known,
-            scanned,
-            table_deg,
-            support: self.support,
-            arm: self.reach.as_deref().map(|reach| Armed::new(reach, &self.state.cloud.points, expected)),
-            predicts: choice.planner == PlannerName::Volumetric,
-            scans: num_scans,
-            demand: Demand::on(&self.state, &config.registration),
-            unregistered: &self.unregistered,
-            check: request.reach.as_ref(),
-        };
+        let answer = self.answer(&ranking, choice, current, request);
+        self.ranking = Some(ranking).filter(|ranking| ranking.complete);
+        answer
+    }
+
+    /// The planner's views as candidates, and what there is to say about them.
+    fn answer(
+        &self,
+        ranking: &Ranking,
+        choice: Choice,
+        current: Option<Point3<f64>>,
+        request: &Request,
+    ) -> Result<Answer, SessionError> {
+        let budget = &request.budget;
+        let cell = self.cell(current, choice.planner, request.reach.as_ref());
         let mut candidates: Vec<Candidate> =
-            cell.candidates(ranked).take_while(|_| budget.allows(true).is_ok()).collect();
+            cell.candidates(&ranking.views).take_while(|_| budget.allows(true).is_ok()).collect();
         budget.allows(true)?;
-        if !complete {
-            self.ranking = None;
-        }
         let travel = |c: &Candidate| current.map_or(0.0, |from| (c.position_in_cell() - from).norm());
         // Of given views that are equally good the nearer. Stable: equal ones stay in the planner's order.
         candidates.sort_by(|a, b| {
@@ -304,11 +288,11 @@ impl Session {
             evidence: Evidence::of(&self.state),
             estimated_cameras: self.state.scans.iter().filter_map(|scan| EstimatedCamera::of(scan)).collect(),
             registrations: self.registrations(),
-            cloud: self.summary(boundary),
+            cloud: self.summary(ranking.boundary),
             surface,
             missing,
             support: self.support,
-            complete,
+            complete: ranking.complete,
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
             warnings: self.warnings(next.as_ref(), &candidates),
             next,

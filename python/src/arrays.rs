@@ -15,6 +15,9 @@ use pyo3::prelude::*;
 /// Points and normals.
 pub type CloudArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
+/// Vertices and triangles.
+pub type MeshArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>);
+
 /// Points or pixels that are taken at most.
 pub const MOST: usize = 1 << 25;
 
@@ -219,6 +222,13 @@ pub fn of_points(py: Python<'_>, points: Vec<Point3<f64>>) -> PyResult<Bound<'_,
 /// N x 3.
 pub fn of_vectors(py: Python<'_>, vectors: Vec<Vector3<f64>>) -> PyResult<Bound<'_, PyArray2<f64>>> {
     of_rows(py, vectors.into_iter().map(Into::into))
+}
+
+/// Vertices (N, 3), and the triangles of their indices (M, 3).
+pub fn of_mesh(py: Python<'_>, mesh: Mesh) -> PyResult<MeshArrays<'_>> {
+    let count = mesh.triangles.len();
+    let triangles = PyArray1::from_vec(py, mesh.triangles.into_flattened()).reshape([count, 3])?;
+    Ok((of_points(py, mesh.vertices)?, triangles))
 }
 
 /// 4 x 4.

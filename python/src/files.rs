@@ -41,14 +41,9 @@ pub fn read_depth<'py>(
 /// Vertices and triangles.
 #[pyfunction]
 #[allow(clippy::type_complexity, reason = "a tuple for Python to name")]
-pub fn read_mesh<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>)> {
+pub fn read_mesh(py: Python<'_>, path: PathBuf) -> PyResult<arrays::MeshArrays<'_>> {
     let mesh = detached(py, || Ok(formats::read_mesh(&path)?))?;
-    let count = mesh.triangles.len();
-    let faces = PyArray1::from_vec(py, mesh.triangles.into_flattened()).reshape([count, 3])?;
-    Ok((arrays::of_points(py, mesh.vertices)?, faces))
+    arrays::of_mesh(py, mesh)
 }
 
 /// The poses in a file of any of the formats of docs/formats.md.

@@ -260,6 +260,11 @@ impl RobotSession {
         let cloud = self.work(py, |session| Ok(session.cloud().clone()))?;
         Ok((arrays::of_points(py, cloud.points)?, arrays::of_vectors(py, cloud.normals)?))
     }
+
+    fn mesh<'py>(&self, py: Python<'py>) -> PyResult<arrays::MeshArrays<'py>> {
+        let surface = self.work(py, |session| Ok(session.mesh()))?;
+        arrays::of_mesh(py, surface.mesh)
+    }
 }
 
 /// For Python's `json`, which reads every number as it was.

@@ -101,6 +101,9 @@ def test_undo_reset_and_settings(sheet):
     assert session.undo() and session.next_view() == before
     points, normals = session.cloud()
     assert points.shape == normals.shape and points.shape[0] > 800
+    vertices, triangles = session.mesh()
+    assert vertices.shape[1] == triangles.shape[1] == 3 and triangles.max() == len(vertices) - 1
+    assert np.abs(vertices[:, 2] - sheet[0, 2]).max() < 2e-3, "on the sheet"
     assert session.config["working_distance_m"] == 0.8
     with pytest.raises(ValueError, match="tolerance_m = -1: expected a positive number"):
         session.configure(tolerance_m=-1)

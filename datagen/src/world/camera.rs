@@ -33,6 +33,8 @@ pub(crate) struct Shot {
     pub points: Vec<Point3<f64>>,
     /// Which scan of a recording it is.
     pub recorded: Option<usize>,
+    /// Where the turntable stood, degrees.
+    pub table_deg: Option<f64>,
 }
 
 impl Shot {
@@ -83,20 +85,28 @@ impl ScanCamera<'_> {
                     false => DepthImage::default(),
                 };
                 let points = depth.to_points(&camera, &world_from_camera);
-                Shot { camera, depth, world_from_camera, actual, points, recorded: None }
+                Shot { camera, depth, world_from_camera, actual, points, recorded: None, table_deg: None }
             }
             Self::Recorded { recording, taken } => {
                 let Some(index) = index else {
                     let world_from_camera = view.world_from_camera();
                     let (camera, depth) = Default::default();
                     let (actual, points) = (world_from_camera, Vec::new());
-                    return Shot { camera, depth, world_from_camera, actual, points, recorded: None };
+                    return Shot { camera, depth, world_from_camera, actual, points, recorded: None, table_deg: None };
                 };
                 taken[index] = true;
                 let scan = recording.scan(index);
                 let (camera, depth) = scan.image.clone().unwrap_or_default();
                 let (world_from_camera, points) = (scan.world_from_camera, scan.points.clone());
-                Shot { camera, depth, world_from_camera, actual: world_from_camera, points, recorded: Some(index) }
+                Shot {
+                    camera,
+                    depth,
+                    world_from_camera,
+                    actual: world_from_camera,
+                    points,
+                    recorded: Some(index),
+                    table_deg: None,
+                }
             }
         }
     }

@@ -1,30 +1,13 @@
 //! Sets of directions from which cameras look at the workspace's centre, the origin.
 
-use geometry::View;
 use nalgebra::{Point3, Vector3};
 
-/// A camera on the sphere of this radius around the origin that looks at it.
-pub fn view_at(direction: &Vector3<f64>, radius: f64) -> View {
-    View { target: Point3::origin(), position: Point3::from(radius * direction) }
-}
+pub use geometry::sphere::{fibonacci, view_at};
 
 /// Unit vector at a polar angle from +z and an azimuth from +x, both in degrees.
 pub fn direction_deg(polar: f64, azimuth: f64) -> Vector3<f64> {
     let (polar, azimuth) = (polar.to_radians(), azimuth.to_radians());
     Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos())
-}
-
-/// Evenly spread directions: the Fibonacci lattice.
-pub fn fibonacci(count: usize) -> Vec<Vector3<f64>> {
-    let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    (0..count)
-        .map(|i| {
-            let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
-            let (sin, cos) = (golden_angle * i as f64).sin_cos();
-            let r = (1.0 - z * z).sqrt();
-            Vector3::new(r * cos, r * sin, z)
-        })
-        .collect()
 }
 
 /// The 40 directions of Random U-Sphere: polar angles 30 to 150 in steps of 30, azimuths in steps of 45 degrees

@@ -96,7 +96,7 @@ fn both_sides_of_a_thin_plate_stay_apart_and_edges_of_a_box_close() {
     let made = reconstruct(&cloud, 0.002);
     assert!(edges(&made.mesh).values().all(|e| *e == (0, 2)), "closed");
     let share = volume(&made.mesh) / size.iter().product::<f64>();
-    assert!((share - 1.0).abs() < 0.08, "{share}");
+    assert!((share - 1.0).abs() < 0.08, "volume {share}");
 }
 
 #[test]

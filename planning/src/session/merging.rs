@@ -13,7 +13,11 @@ const THINNED: f64 = 0.9;
 impl Session {
     /// The state from all scans anew.
     pub(super) fn rebuild(&mut self) {
-        self.state = ScanState { given_views: Arc::clone(&self.given_views), ..ScanState::default() };
+        self.state = ScanState {
+            given_views: Arc::clone(&self.given_views),
+            working_distance: self.config.working_distance_m,
+            ..ScanState::default()
+        };
         self.ranking = None;
         match self.config.accumulate {
             Accumulate::Thinned if self.scans.is_empty() => {}

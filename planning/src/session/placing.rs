@@ -1,15 +1,16 @@
 //! A planner's views as candidates: where the camera stands in the cell, where a turntable stops, and what speaks against each.
 
 use super::registering::unregistrable;
-use super::{ReachCheck, SAME_PLACE};
+use super::{ReachCheck, SAME_PLACE, Session};
 use crate::answer::Candidate;
-use crate::config::SessionConfig;
+use crate::config::{PlannerName, SessionConfig};
 use crate::constraints::{Box3, Constraint, ConstraintsConfig, Objection, Surroundings};
 use crate::overlap;
 use crate::pose::{Pose, world_from_camera};
 use crate::reach::{Hindrance, Obstacles, Reach, Reached};
 use crate::registration::Frame;
 use crate::registration::registrability::Demand;
+use crate::scan::PreparedScan;
 use crate::turntable::TableStop;
 use crate::{Plane, RankedView, ScanState};
 use geometry::{NeighborGrid, View};
@@ -41,12 +42,65 @@ pub(super) struct Cell<'a> {
 
 /// A view in the cell.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Placed {
+pub struct Placed {
+    /// Where the turntable stops for it.
     pub table: Option<TableStop>,
+    /// The arm there.
     pub reached: Option<Reached>,
+    /// What speaks against it.
     pub objections: Vec<Objection>,
     /// Taken off its score.
     pub cost: f64,
+}
+
+impl Session {
+    /// Where a view would be taken from, and what speaks against it: the cell's limits and the arm, not what it would see. Asked of a
+    /// session without scans, whether the first one can be taken from there.
+    pub fn place(&self, view: &View) -> Placed {
+        let planner = self.planners.choose(&self.state).map_or(PlannerName::Farthest, |choice| choice.planner);
+        let cell = self.cell(None, planner, None);
+        let given = self.state.given().iter().position(|g| g == view);
+        cell.place(view, &cell.pose(view, given), None, given)
+    }
+
+    /// The cell as it is now, the camera being at `current` (cell's frame).
+    pub(super) fn cell<'a>(
+        &'a self,
+        current: Option<Point3<f64>>,
+        planner: PlannerName,
+        check: Option<&'a ReachCheck>,
+    ) -> Cell<'a> {
+        let (config, state) = (&self.config, &self.state);
+        let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(PreparedScan::camera_position).collect();
+        let scanned = if state.given_views.is_empty() { Vec::new() } else { positions.clone() };
+        let visited = config.constraints.visited_m.iter().map(|p| Point3::from(*p));
+        let (low, high) = state.cloud.bounding_box();
+        let avoid = config.robot.as_ref().is_some_and(|r| r.avoid_unknown);
+        let expected = if avoid { self.planners.expected_surface(planner) } else { Vec::new() };
+        let expected = expected.into_iter().map(|(point, _)| point).collect();
+        Cell {
+            config,
+            state,
+            limits: config.constraints.clone(),
+            known: Surroundings {
+                bounds: [low, high],
+                points: &state.cloud.points,
+                normals: &state.cloud.normals,
+                spacing: state.grid_size,
+                current,
+                visited: positions.into_iter().chain(visited).collect(),
+            },
+            scanned,
+            table_deg: self.table_deg(),
+            support: self.support,
+            arm: self.reach.as_deref().map(|reach| Armed::new(reach, &state.cloud.points, expected)),
+            predicts: planner == PlannerName::Volumetric,
+            scans: self.scans.len(),
+            demand: Demand::on(state, &config.registration),
+            unregistered: &self.unregistered,
+            check,
+        }
+    }
 }
 
 impl Cell<'_> {

@@ -228,3 +228,10 @@ class Session:
         """The cloud that is planned on: points (N, 3) and their normals towards the cameras (N, 3)."""
         return self._native.cloud()
 
+    def mesh(self) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
+        """The measured surface as triangles: vertices (N, 3) and their indices (M, 3), counter-clockwise seen from outside.
+
+        Closed where the object was measured all around; elsewhere it ends where the measured surface does.
+        """
+        return self._native.mesh()
+
