@@ -11,6 +11,10 @@ pub enum Figure {
     FinalCoverage,
     /// Views to this share of the surface in percent, the first scan being view 1; never reached counts a sentinel.
     ViewsTo(u8),
+    /// Area under the curve of coverage over so many views, the first scan being the first, as a share of the whole: their mean, percent.
+    CoverageArea(usize),
+    /// Straight from each camera position to the next, metres, summed.
+    Path,
     /// Overlap of next view 1, 2 or 3, percent.
     Overlap(u8),
     /// Coefficient of variation of the overlaps of next views 1 to 3, percent.
@@ -43,6 +47,11 @@ impl Figure {
             Figure::ViewsTo(percent) => {
                 Some(views_to(&record.coverages, f64::from(percent) / 100.0).unwrap_or(views_if_unreached) as f64)
             }
+            Figure::CoverageArea(views) => {
+                let sum: f64 = (0..views).map(|i| record.coverage_after(i)).sum();
+                (views > 0).then(|| 100.0 * sum / views as f64)
+            }
+            Figure::Path => Some(record.views.windows(2).map(|w| (w[1].position - w[0].position).norm()).sum()),
             Figure::Overlap(n) => record.overlaps.get(usize::from(n).checked_sub(1)?)?.map(|o| 100.0 * o),
             Figure::Cv3 => overlap_variation(record.overlaps.get(..3).unwrap_or(&record.overlaps)),
             Figure::CvAll => overlap_variation(&record.overlaps),
@@ -207,6 +216,8 @@ pub(crate) mod tests {
     use super::*;
     use crate::record::EpisodeKey;
     use datagen::End;
+    use geometry::View;
+    use nalgebra::Point3;
 
     pub(crate) fn record(object: &str, policy: &str, episode: usize, c: &[f64], o: &[Option<f64>]) -> EpisodeRecord {
         EpisodeRecord {
@@ -249,6 +260,13 @@ pub(crate) mod tests {
             (of(Figure::Overlap(1)), of(Figure::Overlap(2)), of(Figure::Overlap(3))),
             (Some(40.0), None, Some(60.0))
         );
+        // Seven views of which five were taken: the last coverage stays.
+        let area: f64 = c.iter().sum::<f64>() + 2.0 * 0.93;
+        assert!((of(Figure::CoverageArea(7)).unwrap() - 100.0 * area / 7.0).abs() < 1e-9);
+        assert_eq!((of(Figure::CoverageArea(1)), of(Figure::CoverageArea(0))), (Some(30.0), None));
+        let at = |x: f64, y: f64| View { target: Point3::origin(), position: Point3::new(x, y, 0.0) };
+        let moved = EpisodeRecord { views: vec![at(0.0, 0.0), at(3.0, 4.0), at(3.0, 6.0)], ..r.clone() };
+        assert_eq!((Figure::Path.of(&moved, 17), of(Figure::Path)), (Some(7.0), Some(0.0)));
         // By hand: 0.4 and 0.6 have mean 0.5 and population deviation 0.1.
         assert!((of(Figure::Cv3).unwrap() - 20.0).abs() < 1e-9);
         let all = [0.4, 0.6, 0.8f64];

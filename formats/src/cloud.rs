@@ -148,6 +148,14 @@ pub fn read_cloud(path: &Path) -> Result<CloudFile, FormatError> {
 
 /// [`read_cloud`] on bytes at hand; `path` gives the format and stands in the errors.
 ///
+/// ```
+/// use std::path::Path;
+///
+/// let file = formats::cloud::parse_cloud(Path::new("a.xyz"), b"0 0 0.5\n0.1 0 0.5\nnan 0 0\n")?;
+/// assert_eq!((file.cloud.len(), file.dropped), (2, 1));
+/// # Ok::<(), formats::FormatError>(())
+/// ```
+///
 /// # Errors
 /// As [`read_cloud`].
 pub fn parse_cloud(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError> {

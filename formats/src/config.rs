@@ -86,6 +86,20 @@ impl Flag {
 /// `set` holds the values of `--set` as typed (`key=value`; the value is read as TOML, and as a string where
 /// it is no TOML, so that `--set dataset.name=folder` needs no quotes).
 ///
+/// ```
+/// use serde::{Deserialize, Serialize};
+///
+/// #[derive(Debug, Default, Serialize, Deserialize)]
+/// #[serde(default, deny_unknown_fields)]
+/// struct Settings {
+///     seed: u64,
+/// }
+///
+/// let settings: Settings = formats::config::load(None, &["seed=7".to_owned()], &[])?;
+/// assert_eq!(settings.seed, 7);
+/// # Ok::<(), formats::ConfigError>(())
+/// ```
+///
 /// # Errors
 /// An unreadable file; an unknown key or a wrong type, named with the layer it came from.
 pub fn load<T>(file: Option<&Path>, set: &[String], flags: &[Flag]) -> Result<T, ConfigError>

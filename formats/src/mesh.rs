@@ -31,6 +31,16 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, FormatError> {
 
 /// [`read_mesh`] on bytes at hand; `path` gives the format and stands in the errors.
 ///
+/// ```
+/// use std::path::Path;
+///
+/// let mesh = formats::mesh::parse_mesh(Path::new("a.off"), b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")?;
+/// assert_eq!(mesh.triangles, [[0, 1, 2]]);
+/// let error = formats::mesh::parse_mesh(Path::new("b.off"), b"OFF\n3 1 0\n0 0 0\n1 x 0\n").expect_err("x is no number");
+/// assert!(error.to_string().contains("b.off"));
+/// # Ok::<(), formats::FormatError>(())
+/// ```
+///
 /// # Errors
 /// As [`read_mesh`].
 pub fn parse_mesh(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {

@@ -165,10 +165,10 @@ pub fn print(text: impl Display) -> Result<(), ProgramError> {
     print_to(&mut std::io::stdout().lock(), text)
 }
 
-/// [`print`] with an end of line.
+/// [`print()`] with an end of line.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_line(text: impl Display) -> Result<(), ProgramError> {
     print(format_args!("{text}\n"))
 }

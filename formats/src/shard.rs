@@ -1,10 +1,10 @@
 //! Training samples on disk: one safetensors file per object, ragged.
 //!
 //! Tensors (little endian; S samples, P points, C candidates and V cameras over all samples):
-//! `points` [P, 3] and `normals` [P, 3] f32 or f16, `point_offsets` [S + 1] u64; `candidates` [C, 6] f64
-//! (target, camera position), `density`, `scores`, `coverage`, `overlap` [C] f64, `num_candidates` [S] u32;
-//! `cameras` [V, 7] f64 (quaternion x y z w, translation of `world_from_camera`), `num_cameras` [S] u32;
-//! `current_coverage`, `working_distance` [S] f64; `scan_index`, `object` [S] u32. The metadata entry `shard` is
+//! `points` `[P, 3]` and `normals` `[P, 3]` f32 or f16, `point_offsets` `[S + 1]` u64; `candidates` `[C, 6]` f64
+//! (target, camera position), `density`, `scores`, `coverage`, `overlap` `[C]` f64, `num_candidates` `[S]` u32;
+//! `cameras` `[V, 7]` f64 (quaternion x y z w, translation of `world_from_camera`), `num_cameras` `[S]` u32;
+//! `current_coverage`, `working_distance` `[S]` f64; `scan_index`, `object` `[S]` u32. The metadata entry `shard` is
 //! the JSON of [`ShardMetadata`]; its `sha256` covers the whole file with its own digits set to zero.
 
 mod read;

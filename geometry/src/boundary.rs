@@ -26,6 +26,16 @@ impl Default for BoundaryConfig {
 
 /// Indices of the boundary points, rising. The radius of the neighbourhood is the mean distance to the other
 /// `neighbors - 1` nearest points. The cloud needs normals: without them nothing is a boundary.
+///
+/// ```
+/// use geometry::{BoundaryConfig, PointCloud, boundary_points};
+/// use nalgebra::{Point3, Vector3};
+///
+/// let points: Vec<_> = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
+/// let cloud = PointCloud { normals: vec![Vector3::z(); points.len()], points };
+/// let boundary = boundary_points(&cloud, &BoundaryConfig::default());
+/// assert!(boundary.contains(&0) && !boundary.contains(&465), "the corner, not the middle");
+/// ```
 pub fn boundary_points(cloud: &PointCloud, config: &BoundaryConfig) -> Vec<usize> {
     let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), config.neighbors);
     boundary_among(cloud, &neighborhoods, neighborhoods.mean_distance(), config)

@@ -3,6 +3,17 @@
 use nalgebra::{Isometry3, Point2, Point3};
 
 /// Pinhole intrinsics in pixels; pixel (column, row) is sampled at its integer coordinate.
+///
+/// ```
+/// use geometry::PinholeCamera;
+/// use nalgebra::Point3;
+///
+/// let camera = PinholeCamera::from_fov_y(1280, 720, 70f64.to_radians());
+/// let pixel = camera.project(&Point3::new(0.1, 0.0, 1.2));
+/// let point = camera.unproject(pixel.x, pixel.y, 1.2);
+/// assert!((point - Point3::new(0.1, 0.0, 1.2)).norm() < 1e-12);
+/// println!("{:.2} mm per pixel at 1.2 m", 1e3 * camera.pixel_size(1.2));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PinholeCamera {
     /// Image width in pixels.
@@ -52,6 +63,16 @@ impl PinholeCamera {
 /// Depth along +Z in metres, 0 where the ray returned nothing, not a number where it is not known what it met (measured, and not
 /// believed). Only a window of the image is stored; every
 /// pixel outside it returned nothing (an object of 0.2 m spans 86 of 1280 pixels at 1.2 m).
+///
+/// ```
+/// use geometry::{DepthImage, PinholeCamera};
+/// use nalgebra::Isometry3;
+///
+/// let camera = PinholeCamera::from_fov_y(4, 2, 1.0);
+/// let image = DepthImage { origin: [0, 0], size: [4, 2], depth: vec![0.5, 0.5, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5] };
+/// assert_eq!((image.at(0, 0), image.at(2, 0)), (Some(0.5), None));
+/// assert_eq!(image.to_points(&camera, &Isometry3::identity()).len(), 7);
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DepthImage {
     /// First column and row of the window in the full image.

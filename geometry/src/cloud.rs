@@ -15,6 +15,15 @@ pub enum VoxelOrigin {
 
 /// Positions, and normals for all of them or none. Normals point towards the side from which the surface
 /// was seen; after [`PointCloud::voxel_downsample`] they are averages and not of unit length.
+///
+/// ```
+/// use geometry::{PointCloud, VoxelOrigin};
+/// use nalgebra::Point3;
+///
+/// let line = (0..100).map(|i| Point3::new(0.001 * f64::from(i), 0.0, 0.0)).collect();
+/// let cloud = PointCloud { points: line, normals: Vec::new() };
+/// assert!(cloud.voxel_downsample(0.01, VoxelOrigin::default()).len() <= 11);
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
     /// Positions in metres.

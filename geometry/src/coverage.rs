@@ -17,12 +17,27 @@ pub struct ViewScore {
 
 /// Share of the surface points that have a cloud point strictly closer than `tolerance` metres; 0 for an empty
 /// surface.
+///
+/// ```
+/// use nalgebra::Point3;
+///
+/// let surface: Vec<_> = (0..100).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 0.0)).collect();
+/// assert_eq!(geometry::coverage(&surface[..50], &surface, 0.002), 0.5);
+/// ```
 pub fn coverage(cloud: &[Point3<f64>], surface: &[Point3<f64>], tolerance: f64) -> f64 {
     share_within(surface, &NeighborGrid::new(cloud, 2.0 * tolerance), tolerance).unwrap_or(0.0)
 }
 
 /// Share of the scan's points that have a point of the cloud strictly closer than `tolerance` metres; `None` for an
 /// empty scan.
+///
+/// ```
+/// use nalgebra::Point3;
+///
+/// let points: Vec<_> = (0..100).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 0.0)).collect();
+/// assert_eq!(geometry::overlap(&points[40..60], &points[..50], 0.002), Some(0.5));
+/// assert_eq!(geometry::overlap(&[], &points, 0.002), None);
+/// ```
 pub fn overlap(scan: &[Point3<f64>], cloud: &[Point3<f64>], tolerance: f64) -> Option<f64> {
     share_within(scan, &NeighborGrid::new(cloud, 2.0 * tolerance), tolerance)
 }
@@ -67,6 +82,12 @@ pub fn coverage_weight(current_coverage: f64) -> f64 {
 }
 
 /// s = W C + (1 - W) OR(O) with W from the coverage before the scan. An empty scan (`None`) has no overlap: OR = 0.
+///
+/// ```
+/// // Early on overlap counts, later coverage.
+/// let [early, late] = [0.1, 0.9].map(|covered| geometry::score_view(0.95, Some(0.45), covered).score);
+/// assert!(early > 0.99 && late < 0.96);
+/// ```
 pub fn score_view(coverage: f64, overlap: Option<f64>, current_coverage: f64) -> ViewScore {
     let weight = coverage_weight(current_coverage);
     let response = overlap.map_or(0.0, overlap_response);

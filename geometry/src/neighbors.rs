@@ -5,8 +5,10 @@
 //! nearby origin, in cell order, x fastest, so that a row of cells is one contiguous slice.
 
 mod neighborhoods;
+mod spacing;
 
 pub use neighborhoods::{GrowingNeighborhoods, Neighborhoods};
+pub use spacing::{mean_spacing, mean_spacing_among};
 
 use nalgebra::Point3;
 
@@ -26,6 +28,17 @@ pub struct Neighbor {
 
 /// Points sorted into cells. Points with a non-finite coordinate are left out and never found; a query with one
 /// finds nothing. Ties in distance go to the smaller index, so no answer depends on the cell size.
+///
+/// ```
+/// use geometry::NeighborGrid;
+/// use nalgebra::Point3;
+///
+/// let points: Vec<_> = (0..10).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 0.0)).collect();
+/// let grid = NeighborGrid::new(&points, 0.02);
+/// let nearest = grid.k_nearest(&Point3::new(0.034, 0.0, 0.0), 2);
+/// assert_eq!([nearest[0].index, nearest[1].index], [3, 4]);
+/// assert_eq!(grid.within(&points[0], 0.015).len(), 2);
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct NeighborGrid {
     origin: [f64; 3],
@@ -306,28 +319,6 @@ impl NeighborGrid {
         }
         true
     }
-}
-
-/// Mean distance from each point to the nearest other one, metres: the *grid size* of a first scan (docs/method.md,
-/// 'Setting'). 0 for fewer than two points. Non-finite points do not count.
-pub fn mean_spacing(points: &[Point3<f64>]) -> f64 {
-    mean_spacing_among(points, &NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 2))
-}
-
-/// [`mean_spacing`] where neighbourhoods of two points, or more, are already known.
-pub fn mean_spacing_among(points: &[Point3<f64>], neighborhoods: &Neighborhoods) -> f64 {
-    if neighborhoods.k() < 2 {
-        return 0.0;
-    }
-    let (mut sum, mut count) = (0.0, 0usize);
-    for i in 0..points.len() {
-        let Some(&other) = neighborhoods.ids(i).iter().find(|&&id| id as usize != i && id != u32::MAX) else {
-            continue;
-        };
-        sum += (points[i] - points[other as usize]).norm();
-        count += 1;
-    }
-    if count == 0 { 0.0 } else { sum / count as f64 }
 }
 
 /// A multiple of a power of two near the box, so that f32 keeps its precision relative to the cloud's size, and the

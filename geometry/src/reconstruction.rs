@@ -42,6 +42,17 @@ pub struct Reconstruction {
 
 /// The surface that the cloud was measured on, in its unit and frame. `spacing` is the distance of neighbouring points; the
 /// triangles are about as large. Empty where the cloud has no normals, no two points, or no spacing.
+///
+/// ```
+/// use geometry::{PointCloud, mean_spacing, reconstruct};
+/// use nalgebra::{Point3, Vector3};
+///
+/// let points: Vec<_> = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
+/// let cloud = PointCloud { normals: vec![Vector3::z(); points.len()], points };
+/// let surface = reconstruct(&cloud, mean_spacing(&cloud.points));
+/// assert!((surface.mesh.area() / (0.116 * 0.116) - 1.0).abs() < 0.15);
+/// assert!(surface.rim.contains(&true), "a sheet ends");
+/// ```
 pub fn reconstruct(cloud: &PointCloud, spacing: f64) -> Reconstruction {
     let (low, high) = cloud.bounding_box();
     let sides = (high - low).max() / spacing;

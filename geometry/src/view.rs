@@ -3,6 +3,16 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// A camera position that looks at a target (docs/method.md, 'Setting').
+///
+/// ```
+/// use geometry::View;
+/// use nalgebra::Point3;
+///
+/// let view = View { target: Point3::origin(), position: Point3::new(0.0, -1.2, 0.0) };
+/// // The camera's +Z is the way it looks: the target is 1.2 m ahead.
+/// let ahead = view.world_from_camera() * Point3::new(0.0, 0.0, 1.2);
+/// assert!((ahead - view.target).norm() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct View {
     /// The point looked at.

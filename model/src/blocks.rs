@@ -89,7 +89,7 @@ pub type EncoderBn = (Linear, BatchNorm, Relu, Linear, BatchNorm);
 /// Two layers of linear + layer norm + ReLU; fields `0 1 3 4` carry weights.
 pub type EncoderLn = (Linear, LayerNorm, Relu, Linear, LayerNorm);
 
-/// An encoder of rows [R, inputs] -> [R, widths[1]] with batch norm.
+/// An encoder of rows `[R, inputs] -> [R, widths[1]]` with batch norm.
 pub fn encoder_bn(inputs: usize, widths: [usize; 2], device: &Device) -> EncoderBn {
     let [a, b] = widths;
     let (first, second) = (linear(inputs, a, device), linear(a, b, device));

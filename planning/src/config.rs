@@ -20,6 +20,16 @@ const MAX_POINTS_OF_ALL_STEPS: usize = 1_000_000;
 const MAX_PIXELS: u64 = 1 << 25;
 
 /// Everything that decides an answer.
+///
+/// ```
+/// use planning::{ConstraintsConfig, SessionConfig};
+///
+/// let constraints = ConstraintsConfig { floor_height_m: Some(0.05), ..Default::default() };
+/// let config = SessionConfig { working_distance_m: 0.5, constraints, ..Default::default() };
+/// assert!(config.check().is_ok());
+/// let wrong = SessionConfig { tolerance_m: -1.0, ..config };
+/// assert_eq!(wrong.check().expect_err("refused").to_string(), "tolerance_m = -1: expected a positive number");
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SessionConfig {

@@ -18,6 +18,30 @@ pub struct RankedView {
 }
 
 /// A next-best-view policy.
+///
+/// ```
+/// use planning::{PlanError, Planner, RankedView, ScanState};
+/// use rand_chacha::ChaCha8Rng;
+///
+/// /// Looks from where the cloud's last camera stood, turned to the other side.
+/// struct Opposite;
+///
+/// impl Planner for Opposite {
+///     fn name(&self) -> &str {
+///         "opposite"
+///     }
+///
+///     fn rank_views(&mut self, state: &ScanState, _: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+///         let last = state.scans.last().ok_or_else(|| PlanError::lacks("opposite", "a camera"))?;
+///         let (low, high) = state.cloud.bounding_box();
+///         let target = nalgebra::center(&low, &high);
+///         let away = target - nalgebra::Point3::from(last.world_from_camera.translation.vector);
+///         let position = target + away.normalize() * state.working_distance;
+///         let view = geometry::View { target, position };
+///         Ok(vec![RankedView { view, score: 1.0, gain: None, overlap: None }])
+///     }
+/// }
+/// ```
 pub trait Planner {
     /// Name on the command line.
     fn name(&self) -> &str;

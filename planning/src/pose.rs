@@ -26,6 +26,17 @@ pub struct PoseConfig {
 }
 
 /// `world_from_camera`, camera +X right, +Y down, +Z forward, metres: the same pose three ways.
+///
+/// ```
+/// use geometry::View;
+/// use nalgebra::Point3;
+/// use planning::pose::Pose;
+///
+/// let view = View { target: Point3::origin(), position: Point3::new(0.0, 0.0, 1.2) };
+/// let pose = Pose::from(&view.world_from_camera());
+/// assert_eq!(pose.translation_m, [0.0, 0.0, 1.2]);
+/// assert!((pose.matrix[2][2] + 1.0).abs() < 1e-12, "+Z, the way it looks, points down");
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
     /// 4 x 4, row by row.

@@ -33,6 +33,23 @@ pub use request::{ReachCheck, Request};
 const SAME_PLACE: f64 = 2e-3;
 
 /// The scans of one object so far, and the planners' memory of them.
+///
+/// ```
+/// use geometry::PointCloud;
+/// use nalgebra::Point3;
+/// use planning::{Scan, Session, SessionConfig};
+///
+/// # fn main() -> Result<(), planning::SessionError> {
+/// let points = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
+/// let cloud = PointCloud { points, normals: Vec::new() };
+/// let mut session = Session::new(SessionConfig::default(), None)?;
+/// session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.06, 0.06, 1.2)) })?;
+/// assert_eq!(session.num_scans(), 1);
+/// let answer = session.next_view()?;
+/// println!("{}", answer.to_text());
+/// assert!(session.undo() && session.num_scans() == 0);
+/// # Ok(()) }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Session {
     config: SessionConfig,

@@ -13,6 +13,13 @@ use serde::{Deserialize, Serialize};
 const MOST_STOPS: usize = 720;
 
 /// A turntable, in the cell's frame.
+///
+/// ```
+/// use planning::TurntableConfig;
+///
+/// let table = TurntableConfig { range_deg: Some([0.0, 360.0]), step_deg: 45.0, ..Default::default() };
+/// assert_eq!(table.stops().len(), 8, "a full turn ends where it began");
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TurntableConfig {

@@ -3,6 +3,7 @@ use crate::search::{SearchConfig, SearchPlanner};
 use crate::testing::{ball, ball_samples};
 use formats::sequence::{Sequence, SequenceScan};
 use geometry::rng::stream;
+use nalgebra::Vector3;
 
 /// Offers the same views again and again.
 struct Fixed(Vec<View>);

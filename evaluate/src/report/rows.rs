@@ -21,6 +21,10 @@ pub struct PolicyRow {
     pub views_to_50: Option<f64>,
     pub views_to_80: Option<f64>,
     pub views_to_90: Option<f64>,
+    /// Area under the curve of coverage over all views, as a share of the whole.
+    pub coverage_area_percent: Option<f64>,
+    /// From camera position to camera position.
+    pub path_m: Option<f64>,
     pub overlap_1_percent: Option<f64>,
     pub overlap_2_percent: Option<f64>,
     pub overlap_3_percent: Option<f64>,
@@ -47,6 +51,8 @@ impl Row for PolicyRow {
         "v50",
         "v80",
         "v90",
+        "area %",
+        "path m",
         "overlap 1",
         "overlap 2",
         "overlap 3",
@@ -72,6 +78,8 @@ impl Row for PolicyRow {
             number(self.views_to_50, 2),
             number(self.views_to_80, 2),
             number(self.views_to_90, 2),
+            number(self.coverage_area_percent, 1),
+            number(self.path_m, 2),
             number(self.overlap_1_percent, 1),
             number(self.overlap_2_percent, 1),
             number(self.overlap_3_percent, 1),

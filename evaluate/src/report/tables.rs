@@ -75,6 +75,7 @@ impl Rows {
             "All objects",
             "Means over objects of means over episodes. Efficiency = mean final coverage / mean views to 90 %; its intervals are \
              over episodes (objects fixed) and over objects. cv3: coefficient of variation of overlaps 1 to 3 per episode; \
+             area: under the curve of coverage over all views, of the whole; path: straight from camera position to camera position. \
              cv all: of all overlaps; cv list: of the list averaged over episodes. never: episodes that do not reach 90 %.",
             &self.policies,
         )
@@ -150,6 +151,8 @@ fn overall(runs: &Runs, config: &EvaluateConfig, policy: &str) -> PolicyRow {
         views_to_50: m(Figure::ViewsTo(50)),
         views_to_80: m(Figure::ViewsTo(80)),
         views_to_90: m(Figure::ViewsTo(90)),
+        coverage_area_percent: m(Figure::CoverageArea(config.episode.num_views + 1)),
+        path_m: m(Figure::Path),
         overlap_1_percent: m(Figure::Overlap(1)),
         overlap_2_percent: m(Figure::Overlap(2)),
         overlap_3_percent: m(Figure::Overlap(3)),

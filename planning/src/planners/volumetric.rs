@@ -136,6 +136,22 @@ impl Surface {
 }
 
 /// The policy `volumetric`. It needs past scans with camera poses, and has no view to offer where there is none.
+///
+/// ```
+/// use geometry::{PointCloud, rng::stream};
+/// use nalgebra::Point3;
+/// use planning::{Planner, Scan, Session, SessionConfig, VolumetricConfig, VolumetricPlanner};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let points = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
+/// let cloud = PointCloud { points, normals: Vec::new() };
+/// let mut session = Session::new(SessionConfig::default(), None)?;
+/// session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.06, 0.06, 1.2)) })?;
+/// let mut planner = VolumetricPlanner::new(VolumetricConfig::default());
+/// let ranked = planner.rank_views(session.state(), &mut stream(0, "example"))?;
+/// assert!(ranked[0].score >= ranked[1].score);
+/// # Ok(()) }
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct VolumetricPlanner {
     config: VolumetricConfig,

@@ -37,7 +37,7 @@ pub enum Unreached {
 type Jacobian = SMatrix<f64, 6, MOST_JOINTS>;
 
 impl Reach {
-    /// Joint values within the limits that give this pose of the camera in the cell, from one of [`SEEDS`] starts.
+    /// Joint values within the limits that give this pose of the camera in the cell, from one of 24 starts.
     pub fn solve(&self, target: &Isometry3<f64>, seed: usize) -> Option<Solution> {
         if self.too_far(target).is_some() {
             return None;
