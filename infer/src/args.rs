@@ -22,6 +22,7 @@ Examples:
   infer --scan a.ply b.ply --from 0,0,1 0.7,0,0.7 --register refine --pose-error 0.002,0.3
   infer --config cell.toml --depth d.png --pose p.json --table-angle-deg 30
   infer --scan a.ply --from 0,0,1 --support auto --robot samples/robots/ur5e.urdf --tool tool0 --flange-from-camera hand_eye.json
+  infer --scan a.ply --from 0,0,1 --plan views.csv --plan-views 6
   infer --session part7 --scan c.ply --from 0.8,0.2,0.9
   infer --object procedural:3 --views 10 --report loop.html --mesh part.ply
   infer --serve --http 127.0.0.1:8350
@@ -122,6 +123,13 @@ pub struct Args {
     /// Write the cloud that is planned on, with normals, to this PLY, metres.
     #[arg(long, value_name = "FILE", conflicts_with = "serve")]
     pub cloud: Option<PathBuf>,
+    /// Write several next views to this .json, .yaml or .csv, for cells that cannot plan after each scan: the allowed candidates that
+    /// together see most of what is missing, in the order of travel.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["object", "serve"])]
+    pub plan: Option<PathBuf>,
+    /// At most so many views in it.
+    #[arg(long, value_name = "COUNT", default_value_t = 8, requires = "plan")]
+    pub plan_views: usize,
     /// Write a page to turn with the mouse: cloud, boundary, candidates, next view.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

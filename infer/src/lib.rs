@@ -6,6 +6,7 @@ mod http;
 mod kept;
 mod lines;
 pub mod load;
+mod plan;
 pub mod program;
 pub mod report;
 mod request;

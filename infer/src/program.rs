@@ -4,7 +4,7 @@ use crate::args::Args;
 use crate::load::{self, DepthCamera, Loaded};
 use crate::report::{ReportInput, report_html};
 use crate::service::{self, Service, ServiceConfig};
-use crate::{frustums, http, kept, lines, simulate, weights};
+use crate::{frustums, http, kept, lines, plan, simulate, weights};
 use anyhow::{Context, Result, bail};
 use formats::Flag;
 use formats::camera::read_camera;
@@ -32,6 +32,7 @@ fn run(args: &Args) -> Result<ExitCode> {
         bail!("--set service.KEY=VALUE: a setting of the service, which --serve starts");
     }
     let config = settings(args, set)?;
+    args.plan.as_deref().map_or(Ok(()), plan::check)?;
     config.check()?;
     if args.weights.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
         misuse::<Args>("--weights does nothing for a planner other than auto and benbv-net");
@@ -74,6 +75,9 @@ fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
         session.set_given_views(load::poses(path)?);
     }
     let answer = session.next_view()?;
+    if let Some(path) = &args.plan {
+        plan::write(path, session.scan_plan(&answer, args.plan_views).as_ref())?;
+    }
     let poses: Vec<_> = session.state().scans.iter().map(|s| s.world_from_camera).collect();
     write_files(args, &names(args), session, &answer, &poses, &[])?;
     if args.json {

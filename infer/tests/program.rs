@@ -98,3 +98,43 @@ fn a_cloud_takes_its_camera_from_a_pose_or_a_position() {
     refused(&["--pose", &file], "line 2: found 3 numbers");
     refused(&["--views-from", &file], "line 2: found 3 numbers");
 }
+
+#[test]
+fn a_plan_of_several_views_is_a_list() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let from = ["--from", "0.8,0.2,0.9", "--plan-views", "4"];
+    let made = |name: &str, more: &[&str]| {
+        let path = at(name).display().to_string();
+        let output = Command::new(env!("CARGO_BIN_EXE_infer"))
+            .args(["--scan", &sample("scan1.ply").display().to_string()])
+            .args(from)
+            .args(["--plan", &path])
+            .args(more)
+            .output()
+            .expect("infer runs");
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        std::fs::read_to_string(&path).map_err(|_| error)
+    };
+    let json: serde_json::Value = serde_json::from_str(&made("a.json", &[]).expect("a plan")).expect("JSON");
+    let views = json["views"].as_array().expect("a list");
+    assert!((2..=4).contains(&views.len()), "{json}");
+    let travel: f64 = views.iter().filter_map(|v| v["travel_m"].as_f64()).sum();
+    assert!((travel - json["travel_m"].as_f64().expect("metres")).abs() < 1e-9, "{json}");
+    let csv = made("a.csv", &[]).expect("a plan");
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), views.len() + 1);
+    for (row, view) in rows[1..].iter().zip(views) {
+        for (name, cell) in rows[0].iter().zip(row) {
+            let told = view.get(*name).and_then(serde_json::Value::as_f64);
+            let off = cell.parse::<f64>().ok().zip(told).map_or(0.0, |(a, b)| (a - b).abs());
+            assert!(cell.is_empty() == told.is_none() && off < 1e-12, "{name}: {cell} {told:?}");
+        }
+    }
+    let yaml = made("a.yaml", &[]).expect("a plan");
+    assert_eq!(yaml.lines().filter(|line| line.starts_with("- x_m: ")).count(), views.len(), "{yaml}");
+    let refused = made("a.txt", &[]).expect_err("no format");
+    assert!(refused.contains("a.txt") && refused.contains(".json, .yaml or .csv"), "{refused}");
+    let blind = made("b.csv", &["--planner", "farthest"]).expect_err("it forecasts nothing");
+    assert!(blind.contains("--plan") && blind.contains("volumetric"), "{blind}");
+}

@@ -10,15 +10,20 @@ use model::{PcNbvModel, PcNbvNet, PcNbvNetConfig, checkpoint};
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand::seq::SliceRandom;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 fn net() -> PcNbvNet {
     seeded(&PcNbvNetConfig::default(), 5)
 }
 
-/// The tests of this file run side by side and draw from the device's one stream: one network at a time.
+/// The tests of this file run side by side, and whatever makes a network draws from the one generator: they take turns.
+fn alone() -> MutexGuard<'static, ()> {
+    static GENERATOR: Mutex<()> = Mutex::new(());
+    GENERATOR.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn seeded(config: &PcNbvNetConfig, seed: u64) -> PcNbvNet {
-    static DRAWING: std::sync::Mutex<()> = std::sync::Mutex::new(());
-    let _alone = DRAWING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let _alone = alone();
     let device = Device::flex();
     device.seed(seed);
     config.init(&device).materialize()
@@ -146,7 +151,11 @@ fn checkpoints_come_back() {
     let info = checkpoint::Checkpoint::new::<PcNbvNet>(PcNbvNetConfig::default(), EncodeConfig::default());
     let net = net();
     checkpoint::save(&directory, &net, &info).expect("saved");
-    let (model, before) = (PcNbvModel::load(&directory).expect("loaded"), PcNbvModel::new(net, info));
+    let loaded = {
+        let _alone = alone();
+        PcNbvModel::load(&directory).expect("loaded")
+    };
+    let (model, before) = (loaded, PcNbvModel::new(net, info));
     let points = cloud(30, 6);
     let predict = |model: &PcNbvModel| model.predict(&points, &[0.0; VIEWS]).expect("gains");
     assert_eq!(predict(&model), predict(&before), "the same bits");

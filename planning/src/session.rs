@@ -9,6 +9,7 @@ mod placing;
 mod ranking;
 pub mod registering;
 mod request;
+mod scan_plan;
 mod table;
 mod warnings;
 
@@ -28,6 +29,7 @@ use std::sync::Arc;
 pub use error::SessionError;
 pub use placing::Placed;
 pub use request::{ReachCheck, Request};
+pub use scan_plan::{PlannedView, ScanPlan};
 
 /// A camera within this share of the working distance of a given view has scanned from there.
 const SAME_PLACE: f64 = 2e-3;

@@ -6,6 +6,7 @@ use crate::{
     Allowed, Angles, CameraPose, CandidateConfig, ExpectedPoint, Hole, NoReturn, PlanError, Planner, RankedView,
     ScanState, Seen, Surface, VolumetricConfig, VolumetricPlanner, Workspace,
 };
+use nalgebra::Isometry3;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -208,6 +209,11 @@ impl AutoPlanner {
     /// What is missing of that surface ([`VolumetricPlanner::holes`]).
     pub fn holes(&self, planner: PlannerName, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
         if planner == PlannerName::Volumetric { self.volumetric.holes(state, allowed) } else { Vec::new() }
+    }
+
+    /// What cameras see of it ([`VolumetricPlanner::seen_of_expected`]).
+    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<f64>) {
+        self.volumetric.seen_of_expected(state, poses)
     }
 
     /// The surface expected where nothing is known yet ([`VolumetricPlanner::expected_surface`]).

@@ -89,6 +89,17 @@ impl VolumetricPlanner {
         self.grid.iter().flat_map(|grid| (0..grid.expected.len()).map(move |k| point(grid, k))).collect()
     }
 
+    /// Which parts of the expected surface a camera sees from each of these poses, as places in the list of their areas (square metres).
+    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<f64>) {
+        let Some(grid) = &self.grid else { return (vec![Vec::new(); poses.len()], Vec::new()) };
+        let marcher = Marcher::new(grid, self.carves).of_sensor(&state.sensor);
+        let spots: Vec<Spot> = (0..grid.expected.len()).map(|k| Spot::of(grid, k)).collect();
+        let seen = |pose: &Isometry3<f64>| {
+            (0..spots.len() as u32).filter(|&k| spots[k as usize].is_seen(&marcher, &state.camera, pose)).collect()
+        };
+        (poses.iter().map(seen).collect(), spots.iter().map(|spot| spot.area).collect())
+    }
+
     /// The holes of the surface as it was at the last decision, from a thousandth of the whole on, largest first.
     pub fn holes(&self, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
         let Some(grid) = &self.grid else { return Vec::new() };

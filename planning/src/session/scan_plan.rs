@@ -1,0 +1,209 @@
+//! Several next views at once, for cells where planning after each scan is not possible: chosen by what they would see together of
+//! the surface that is expected now, ordered by travel.
+
+use super::Session;
+use crate::answer::{Answer, Candidate};
+use crate::config::PlannerName;
+use crate::pose::rigid;
+use nalgebra::{Isometry3, Point3};
+use serde::{Deserialize, Serialize};
+
+/// A turn of the table by a radian is worth this much travel of the camera, metres.
+const TURN_M: f64 = 0.1;
+/// Views that add less than this share of the whole are left out.
+const LEAST: f64 = 1e-3;
+
+/// Views to take one after the other, without planning between them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ScanPlan {
+    /// In the order of travel.
+    pub views: Vec<PlannedView>,
+    /// From where the camera is over all views, straight, in the cell, metres.
+    pub travel_m: f64,
+    /// What the table turns in all, degrees.
+    pub turn_deg: f64,
+    /// Share of the whole surface that they are expected to add together, as `expected_gain` of candidates.
+    pub adds: f64,
+    /// Share of the whole that is expected to be missing afterwards, as `missing` of the answer.
+    pub leaves: f64,
+}
+
+/// A view of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlannedView {
+    /// Share of the whole surface that it adds to those chosen before it.
+    pub adds: f64,
+    /// In which order it was chosen, from 0: the views up to any number are the best plan of that length.
+    pub chosen: usize,
+    /// Straight from the view before, metres.
+    pub travel_m: f64,
+    /// The view.
+    #[serde(flatten)]
+    pub view: Candidate,
+}
+
+impl Session {
+    /// At most `most` of the views that `answer` allows, the greedy choice: each sees most of the expected surface that those before it
+    /// do not see. `None` where the planner that answered does not make out what is missing. It is of the state at that answer.
+    pub fn scan_plan(&self, answer: &Answer, most: usize) -> Option<ScanPlan> {
+        let told = answer.surface.filter(|_| answer.planner == PlannerName::Volumetric.as_str())?;
+        let missing = told.expected_m2 / (told.known_m2 + told.expected_m2).max(f64::MIN_POSITIVE);
+        // Gains are shares of what the membrane makes out; the whole that is missing is told from that (stop.rs).
+        let surface = self.planners.surface(PlannerName::Volumetric)?;
+        let whole = (surface.known_m2 + surface.expected_m2).max(f64::MIN_POSITIVE);
+        let allowed: Vec<&Candidate> = answer.candidates.iter().filter(|c| c.objections.is_empty()).collect();
+        let pose = |c: &&Candidate| {
+            rigid(&c.world_from_camera.matrix).map_or_else(|_| Isometry3::identity(), |(pose, _)| pose)
+        };
+        let poses: Vec<Isometry3<f64>> = allowed.iter().map(pose).collect();
+        let (seen, areas) = self.planners.seen_of_expected(&self.state, &poses);
+        let mut left: Vec<f64> = areas.iter().map(|area| area / whole).collect();
+        let all: f64 = left.iter().sum();
+        let mut chosen = Vec::new();
+        while chosen.len() < most {
+            let adds = |view: &Vec<u32>| view.iter().map(|&k| left[k as usize]).sum::<f64>();
+            let gains: Vec<f64> = seen.iter().map(adds).collect();
+            // The first of equals: the one ranked higher.
+            let Some(best) = (0..gains.len()).reduce(|a, b| if gains[b] > gains[a] { b } else { a }) else { break };
+            if gains[best] < self.config.stop_below.max(LEAST) {
+                break;
+            }
+            seen[best].iter().for_each(|&k| left[k as usize] = 0.0);
+            chosen.push((best, gains[best]));
+        }
+        let from = (self.last_position(), self.table_deg());
+        let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| stop(allowed[i], from.1)).collect();
+        let order = by_travel(from, &stops);
+        let mut plan =
+            ScanPlan { leaves: missing * left.iter().sum::<f64>() / all.max(f64::MIN_POSITIVE), ..ScanPlan::default() };
+        let mut at = (from.0.unwrap_or(order.first().map_or(Point3::origin(), |&i| stops[i].0)), from.1);
+        for i in order {
+            let travel_m = (stops[i].0 - at.0).norm();
+            plan.travel_m += travel_m;
+            plan.turn_deg += turn(stops[i].1, at.1);
+            plan.adds += chosen[i].1;
+            at = stops[i];
+            let view = allowed[chosen[i].0].clone();
+            plan.views.push(PlannedView { adds: chosen[i].1, chosen: i, travel_m, view });
+        }
+        Some(plan)
+    }
+
+    /// Where the last camera stood, in the cell.
+    fn last_position(&self) -> Option<Point3<f64>> {
+        self.scans.last().and_then(|scan| scan.camera_position()).map(|p| self.cell_from_object() * p)
+    }
+}
+
+/// Where the camera stands in the cell, and the table, degrees.
+type Stop = (Point3<f64>, f64);
+
+fn stop(candidate: &Candidate, table_deg: f64) -> Stop {
+    (candidate.position_in_cell(), candidate.table.as_ref().map_or(table_deg, |table| table.stop_deg))
+}
+
+fn turn(a: f64, b: f64) -> f64 {
+    (a - b).rem_euclid(360.0).min((b - a).rem_euclid(360.0))
+}
+
+/// A short way over all stops: the nearest next, then pairs of legs uncrossed while that helps (2-opt). Where it begins is open without
+/// a position.
+fn by_travel((from, table_deg): (Option<Point3<f64>>, f64), stops: &[Stop]) -> Vec<usize> {
+    let cost = |a: &Stop, b: &Stop| (a.0 - b.0).norm() + TURN_M * turn(a.1, b.1).to_radians();
+    let start = |to: &Stop| cost(&(from.unwrap_or(to.0), table_deg), to);
+    let mut order: Vec<usize> = Vec::new();
+    let mut left: Vec<usize> = (0..stops.len()).collect();
+    while !left.is_empty() {
+        let leg =
+            |&i: &usize| order.last().map_or_else(|| start(&stops[i]), |&last: &usize| cost(&stops[last], &stops[i]));
+        let next = (0..left.len()).min_by(|&a, &b| leg(&left[a]).total_cmp(&leg(&left[b]))).unwrap_or(0);
+        order.push(left.remove(next));
+    }
+    let length = |order: &[usize]| {
+        order.first().map_or(0.0, |&i| start(&stops[i]))
+            + order.windows(2).map(|w| cost(&stops[w[0]], &stops[w[1]])).sum::<f64>()
+    };
+    let mut best = length(&order);
+    loop {
+        let pairs = (0..order.len()).flat_map(|i| (i + 1..order.len()).map(move |j| (i, j)));
+        let turned = pairs.map(|(i, j)| {
+            let mut other = order.clone();
+            other[i..=j].reverse();
+            (length(&other), other)
+        });
+        match turned.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(shorter, _)| *shorter < best - 1e-9) {
+            Some((shorter, other)) => (best, order) = (shorter, other),
+            None => return order,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Scan, SessionConfig};
+    use geometry::PointCloud;
+
+    #[test]
+    fn the_way_is_as_short_as_any() {
+        let at = |x: f64, y: f64, deg: f64| (Point3::new(x, y, 0.0), deg);
+        let stops = [
+            at(0.0, 3.0, 0.0),
+            at(1.0, 0.0, 0.0),
+            at(3.0, 3.0, 0.0),
+            at(2.0, 0.0, 0.0),
+            at(3.0, 1.0, 0.0),
+            at(0.0, 2.0, 0.0),
+        ];
+        let way = |order: &[usize]| {
+            let mut at = Point3::origin();
+            order.iter().map(|&i| (stops[i].0 - std::mem::replace(&mut at, stops[i].0)).norm()).sum::<f64>()
+        };
+        let found = way(&by_travel((Some(Point3::origin()), 0.0), &stops));
+        let mut shortest = f64::INFINITY;
+        let mut order = [0, 1, 2, 3, 4, 5];
+        // All orders (Heap).
+        fn all(k: usize, order: &mut [usize; 6], visit: &mut impl FnMut(&[usize])) {
+            if k == 1 {
+                return visit(order);
+            }
+            for i in 0..k {
+                all(k - 1, order, visit);
+                order.swap(if k.is_multiple_of(2) { i } else { 0 }, k - 1);
+            }
+        }
+        all(6, &mut order, &mut |order| shortest = shortest.min(way(order)));
+        assert!(found <= shortest + 1e-9, "{found} {shortest}");
+        let turned = [at(0.0, 0.0, 180.0), at(0.0, 0.0, 350.0), at(0.0, 0.0, 90.0)];
+        assert_eq!(
+            by_travel((Some(Point3::origin()), 0.0), &turned),
+            [1, 2, 0],
+            "a camera that stands still: by turning"
+        );
+    }
+
+    #[test]
+    fn views_add_up_and_leave_less() {
+        let points = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
+        let cloud = PointCloud { points, normals: Vec::new() };
+        let mut session =
+            Session::new(SessionConfig { working_distance_m: 0.6, ..Default::default() }, None).expect("settings");
+        session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.06, 0.06, 0.6)) }).expect("a scan");
+        let answer = session.next_view().expect("an answer");
+        let plans: Vec<ScanPlan> =
+            [1, 3, 8].iter().map(|&most| session.scan_plan(&answer, most).expect("a plan")).collect();
+        let missing = answer.surface.map(|s| s.expected_m2 / (s.known_m2 + s.expected_m2)).expect("a surface");
+        for (plan, most) in plans.iter().zip([1, 3, 8]) {
+            assert!(!plan.views.is_empty() && plan.views.len() <= most);
+            assert!(plan.adds > 0.0 && plan.adds < missing && plan.leaves < missing, "{plan:?}");
+            assert!((plan.views.iter().map(|v| v.travel_m).sum::<f64>() - plan.travel_m).abs() < 1e-9);
+            let mut chosen: Vec<&PlannedView> = plan.views.iter().collect();
+            chosen.sort_by_key(|view| view.chosen);
+            assert!(chosen.windows(2).all(|w| w[0].adds >= w[1].adds), "greedy");
+            assert!(plan.views.iter().all(|v| v.view.objections.is_empty()));
+        }
+        assert!(plans[2].adds > plans[0].adds && plans[2].leaves < plans[0].leaves, "more views see more");
+        let first = plans[1].views.iter().find(|view| view.chosen == 0).expect("a first choice");
+        assert_eq!(first.view, plans[0].views[0].view, "the first choice stays");
+    }
+}
