@@ -1,15 +1,19 @@
 //! Every reader on mutated files: no panic, and no allocation beyond what the file warrants. A second per
 //! reader by default; `FUZZ_SECONDS=600 cargo test --release -p formats --test fuzz -- --nocapture` for longer.
 
+use formats::camera::parse_camera;
 use formats::cloud::parse_cloud;
 use formats::depth::parse_depth;
 use formats::frame_history::parse_frame_history;
 use formats::mesh::parse_mesh;
+use formats::poses::parse_poses;
 use formats::shard::{CloudPrecision, Sample, ShardMetadata, ShardReader, ShardWriter};
+use formats::urdf::parse_urdf;
 use formats::{ObjectRecord, ObjectStatus, Split};
-use geometry::{PointCloud, View, rng};
+use geometry::{DepthImage, PinholeCamera, PointCloud, View, rng, undistort_depth};
 use nalgebra::{Isometry3, Point3, Vector3};
-use planning::CandidateView;
+use planning::reach::Obstacles;
+use planning::{CandidateView, Reach, RobotConfig};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -300,7 +304,7 @@ fn npy_clouds() {
 fn depth() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("a.png");
-    let image = geometry::DepthImage { origin: [0, 0], size: [4, 3], depth: (0..12).map(|i| i as f32 * 0.1).collect() };
+    let image = DepthImage { origin: [0, 0], size: [4, 3], depth: (0..12).map(|i| i as f32 * 0.1).collect() };
     formats::depth::write_depth(&path, &image, 8, 6, 0.001).unwrap();
     let is_depth = |path: &Path, bytes: &[u8]| {
         parse_depth(path, bytes, None).is_ok_and(|file| {
@@ -367,5 +371,158 @@ fn shards() {
         let Ok(reader) = ShardReader::open(&file) else { return false };
         (0..reader.len()).for_each(|i| drop(reader.sample(i)));
         reader.verify().is_ok()
+    });
+}
+
+/// Calibrations in every dialect that is read.
+mod calibrations {
+    pub const ROS: &str = "image_width: 640
+image_height: 480
+camera_name: head
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [500.5, 0., 320.25, 0., 501, 239, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.1, -0.2, 1.0e-3, -0.002, 0.05]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0.]
+";
+
+    pub const MESSAGE: &str = "header:\n  stamp:\n    sec: 3\n  frame_id: optical\nheight: 480\nwidth: 640\n\
+distortion_model: rational_polynomial\nd:\n- 0.1\n- -0.2\n- 0.001\n- -0.002\n- 0.05\n- 0.3\n- 0.4\n- 0.5\n\
+k:\n- 500.5\n- 0.0\n- 320.25\n- 0.0\n- 501.0\n- 239.0\n- 0.0\n- 0.0\n- 1.0\n\
+binning_x: 0\nbinning_y: 0\nroi:\n  x_offset: 0\n  y_offset: 0\n  do_rectify: false\n---\n";
+
+    pub const OPENCV: &str = "%YAML:1.0
+---
+calibration_time: \"Sat Nov 28\"
+image_width: 640
+image_height: 480
+flags: 0
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 5.0050000000000000e+02, 0., 3.2025000000000000e+02, 0.,
+       501., 239., 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ 1.0000000000000001e-01, -2.0000000000000001e-01, 1.e-03, -2.e-03, 5.e-02 ]
+";
+
+    pub const KALIBR: &str = "cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [0.01, 0.02, 0.03, 0.04]
+  distortion_model: equidistant
+  intrinsics: [500.5, 501.0, 320.25, 239.0]
+  resolution: [640, 480]
+  rostopic: /cam0/image_raw
+cam1:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, 0.1]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [0.1, -0.2, 0.001, -0.002]
+  distortion_model: radtan
+  intrinsics: [500.5, 501.0, 320.25, 239.0]
+  resolution: [640, 480]
+";
+
+    pub const REALSENSE: &str = r#"{"width": 640, "height": 480, "ppx": 320.25, "ppy": 239.0, "fx": 500.5, "fy": 501.0,
+    "model": "distortion.brown_conrady", "coeffs": [0.1, -0.2, 0.001, -0.002, 0.05]}"#;
+
+    pub const OPEN3D: &str =
+        r#"{"width": 640, "height": 480, "intrinsic_matrix": [500.5, 0, 0, 0, 501.0, 0, 320.25, 239.0, 1]}"#;
+}
+
+/// Through the lens to the points that a planner would see.
+#[test]
+fn cameras() {
+    use calibrations::{KALIBR, MESSAGE, OPEN3D, OPENCV, REALSENSE, ROS};
+    let yaml = [ROS, MESSAGE, OPENCV, KALIBR].map(|text| (PathBuf::from("made.yaml"), text.as_bytes().to_vec()));
+    let json = [REALSENSE, OPEN3D].map(|text| (PathBuf::from("made.json"), text.as_bytes().to_vec()));
+    let seeds: Vec<_> = yaml.into_iter().chain(json).collect();
+    let image = DepthImage { origin: [0, 0], size: [16, 12], depth: vec![0.7; 192] };
+    fuzz("cameras", &seeds, |path, bytes| {
+        let Ok(file) = parse_camera(path, bytes, None).or_else(|_| parse_camera(path, bytes, Some("cam0"))) else {
+            return false;
+        };
+        let [fx, fy, cx, cy] = file.intrinsics;
+        assert!(file.intrinsics.iter().all(|x| x.is_finite()) && fx > 0.0 && fy > 0.0, "{:?}", file.intrinsics);
+        // Of the size of the image, for speed: the lens is what it is of.
+        let camera = PinholeCamera { width: 16, height: 12, fx, fy, cx, cy };
+        let seen = undistort_depth(&image, &camera, &file.lens);
+        let points = seen.image.to_points(&seen.camera, &Isometry3::identity());
+        assert!(points.iter().all(|p| p.iter().all(|x| x.is_finite())), "a point that is not finite");
+        true
+    });
+}
+
+/// Through the settings' check to joint values.
+#[test]
+fn arms() {
+    let robots = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../samples/robots"));
+    let tools = [("ur5e.urdf", "tool0"), ("panda.urdf", "panda_link8"), ("six_axis.urdf", "flange")];
+    let tool = |path: &Path| tools.iter().find(|(name, _)| path.ends_with(name)).map_or("tool0", |(_, tool)| tool);
+    let seeds: Vec<_> = tools
+        .iter()
+        .map(|(name, _)| (robots.join(name), std::fs::read(robots.join(name)).expect("a sample")))
+        .collect();
+    fuzz("arms", &seeds, |path, bytes| {
+        let Ok(read) = parse_urdf(path, bytes, tool(path)) else { return false };
+        let pose = Isometry3::translation(0.3, 0.1, 0.4);
+        let hand_eye = planning::pose::Pose::from(&Isometry3::identity()).matrix;
+        let robot = RobotConfig { arm: read.arm, flange_from_camera: Some(hand_eye), ..RobotConfig::default() };
+        if robot.check().is_err() {
+            return true;
+        }
+        let reach = Reach::new(&robot);
+        let nothing = Obstacles { measured: None, expected: None, boxes: &[], floor: None };
+        if let Ok(reached) = reach.to(&pose, &nothing, &Isometry3::identity()) {
+            assert!(reached.joints.iter().all(|joint| joint.value.is_finite()), "{reached:?}");
+        }
+        true
+    });
+}
+
+#[test]
+fn poses() {
+    let row = |x: f64| format!("1 0 0 {x}\n0 0 -1 0.5\n0 1 0 0.25\n0 0 0 1\n");
+    let made = [
+        ("a.txt", row(1.0) + &row(2.0)),
+        ("a.tum", "1.5 0.1 0.2 0.3 0 0 0 1\n2.5 0.1 0.2 0.3 0.7071068 0 0 0.7071068\n".to_owned()),
+        ("a.log", format!("0 0 1\n{}1 1 2\n{}", row(1.0), row(2.0))),
+        ("images.txt", "# Image list\n#   IMAGE_ID, QW, ...\n1 1 0 0 0 1 2 3 1 a.png\n10.5 20.5 -1\n".to_owned()),
+        (
+            "a.conf",
+            "camera -0.01 0 0.75 0 0 0 1\nbmesh bun000.ply 0 0 0 0 0 0 1\nbmesh b.ply 0.1 0 0 0 1 0 0\n".to_owned(),
+        ),
+        ("a.json", "[[[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]]".to_owned()),
+        (
+            "scene_gt.json",
+            "{\"0\": [{\"cam_R_m2c\": [0, -1, 0, 1, 0, 0, 0, 0, 1], \"cam_t_m2c\": [1000, 2000, 3000]}]}".to_owned(),
+        ),
+    ];
+    let seeds: Vec<_> = made.into_iter().map(|(name, text)| (PathBuf::from(name), text.into_bytes())).collect();
+    let seeds = only_readable(seeds, |path, bytes| parse_poses(path, bytes).is_ok());
+    assert!(seeds.len() >= 6, "{seeds:?}");
+    fuzz("poses", &seeds, |path, bytes| match parse_poses(path, bytes) {
+        Ok(file) => {
+            let rigid = |pose: &Isometry3<f64>| pose.to_homogeneous().iter().all(|x| x.is_finite());
+            assert!(file.poses.iter().all(|named| rigid(&named.world_from_camera)), "a pose that is not finite");
+            true
+        }
+        Err(_) => false,
     });
 }

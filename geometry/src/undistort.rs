@@ -58,7 +58,10 @@ pub fn undistort_depth(image: &DepthImage, camera: &PinholeCamera, lens: &Lens) 
     if !low[0].is_finite() {
         return Undistorted { camera: *camera, image: DepthImage::default(), left_out };
     }
+    // A focal length that the image and the lens do not fit would make one side endless.
+    let longest = GROWTH * f64::from(camera.width.max(camera.height));
     let focal = [camera.fx, camera.fy];
+    let focal = [0, 1].map(|k| focal[k].min(longest / (high[k] - low[k]).max(f64::MIN_POSITIVE)));
     let extent = [0, 1].map(|k| (high[k] - low[k]) * focal[k] + 1.0);
     let most = GROWTH * f64::from(camera.width) * f64::from(camera.height);
     let shrink = (most / (extent[0].ceil() * extent[1].ceil())).sqrt().min(1.0);

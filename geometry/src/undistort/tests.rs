@@ -66,3 +66,14 @@ fn what_a_pinhole_image_cannot_show_is_counted_and_not_missed() {
     assert!(seen.left_out > 60_000 && pixels <= 4 * 160_000 + 4_000, "{} left out, {pixels} pixels", seen.left_out);
     assert!(seen.image.depth.iter().all(|z| *z != 0.0), "nothing returned nothing");
 }
+
+#[test]
+fn a_focal_length_that_does_not_fit_makes_no_endless_image() {
+    let lens = Lens::BrownConrady([0.1, -0.2, 1e-3, -2e-3, 0.05, 0.0, 0.0, 0.0]);
+    let image = DepthImage { origin: [0, 0], size: [16, 12], depth: vec![0.7; 192] };
+    for (fx, fy) in [(500.0, 5e15), (1e300, 500.0), (1e-300, 1e9), (1e-9, 1e-9)] {
+        let camera = PinholeCamera { width: 16, height: 12, fx, fy, cx: 320.0, cy: 239.0 };
+        let seen = undistort_depth(&image, &camera, &lens);
+        assert!(seen.image.depth.len() <= 2 * 4 * 192, "{fx} {fy}: {} x {}", seen.camera.width, seen.camera.height);
+    }
+}
