@@ -211,6 +211,19 @@ fn no_source_file_outgrows_its_room() {
     }
 }
 
+/// What errors tell users to type is `cargo build -p PROGRAM --features DEVICE`.
+#[test]
+fn every_program_with_a_network_can_be_built_for_every_device() {
+    for program in ["train", "infer", "evaluate"] {
+        let manifest = manifest(program);
+        for device in model::device::NAMES.into_iter().filter(|name| *name != "cpu") {
+            let feature = manifest["features"].get(device).and_then(toml::Value::as_array);
+            let of_model = toml::Value::from(format!("model/{device}"));
+            assert!(feature.is_some_and(|f| f.contains(&of_model)), "{program} has no feature `{device}` for model's");
+        }
+    }
+}
+
 #[test]
 fn every_dependency_version_stands_at_the_root() {
     for name in CRATES.into_iter().chain(["tests"]) {

@@ -40,17 +40,20 @@ pub struct Args {
     /// Distance from target to camera, metres [default: 1.2]
     #[arg(long, value_name = "METRES", value_parser = length)]
     pub distance: Option<f64>,
+    /// Device of the networks: cpu, or a GPU backend that was compiled in (wgpu, cuda) [default: cpu]
+    #[arg(long, value_name = "NAME")]
+    pub device: Option<String>,
     /// Policy that the others are compared with [default: benbv]
     #[arg(long)]
     pub baseline: Option<String>,
     /// Compare result directories, the first being the reference, instead of running anything
     #[arg(long, num_args = 2.., value_name = "DIR", conflicts_with_all = [
-        "dataset", "root", "only", "objects", "policies", "episodes", "preset", "distance", "list_policies", "json", "config",
-        "set", "seed", "jobs",
+        "dataset", "root", "only", "objects", "policies", "episodes", "preset", "distance", "device", "list_policies", "json",
+        "config", "set", "seed", "jobs",
     ])]
     pub compare: Vec<PathBuf>,
     /// List the policies
-    #[arg(long, conflicts_with_all = ["dataset", "root", "only", "objects", "policies", "episodes", "distance", "out", "json"])]
+    #[arg(long, conflicts_with_all = ["dataset", "root", "only", "objects", "policies", "episodes", "distance", "device", "out", "json"])]
     pub list_policies: bool,
     /// Print the rows of the tables as JSON
     #[arg(long)]
@@ -70,6 +73,7 @@ impl Args {
             Flag::given("--policies", "policies", self.policies.clone()),
             Flag::given("--episodes", "episodes", self.episodes),
             Flag::given("--distance", "episode.working_distance_m", self.distance),
+            Flag::given("--device", "weights.device", self.device.clone()),
             Flag::given("--baseline", "baseline", self.baseline.clone()),
         ];
         match self.preset {

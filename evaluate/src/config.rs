@@ -60,6 +60,8 @@ pub struct WeightsConfig {
     pub pc_nbv: PathBuf,
     /// The JSON file for `volumetric:learned`; none comes with the source.
     pub forecasts: PathBuf,
+    /// Device of the networks; absent: the CPU. Another one rounds differently, and so makes other outcomes.
+    pub device: Option<String>,
 }
 
 /// All settings.
@@ -167,6 +169,9 @@ impl EvaluateConfig {
     /// Hash of what outcomes depend on: everything but which policies and episodes are run and how they are reported.
     pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
         let Self { policies, baseline, episodes, views_if_unreached, resamples, only, .. } = Self::default();
+        // The CPU is what an absent device stands for.
+        let device = self.weights.device.clone().filter(|name| name != "cpu");
+        let weights = WeightsConfig { device, ..self.weights.clone() };
         formats::config::hash(&Self {
             policies,
             baseline,
@@ -174,6 +179,7 @@ impl EvaluateConfig {
             views_if_unreached,
             resamples,
             only,
+            weights,
             ..self.clone()
         })
     }

@@ -4,6 +4,7 @@ use crate::config::{EvaluateConfig, WeightsConfig};
 use crate::policies::BoxedPlanner;
 use crate::policies::pc_nbv::PcNbvPlanner;
 use formats::config::digest;
+use model::device::{self, DeviceError};
 use model::net_planner::BUNDLED_WEIGHTS;
 use model::{NetPlanner, NetPlannerConfig, NetPlannerError, PcNbvError, PcNbvModel};
 use planning::{CandidateConfig, Network};
@@ -14,6 +15,9 @@ use std::sync::Mutex;
 /// Why a network cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
+    /// The device is not to be had.
+    #[error("weights.device: {0}")]
+    Device(#[from] DeviceError),
     /// The checkpoint of `benbv-net` is missing or unfit.
     #[error(transparent)]
     BenbvNet(#[from] NetPlannerError),
@@ -44,6 +48,19 @@ impl Networks {
         Self { weights: config.weights.clone(), candidates: config.candidates.clone(), ..Self::default() }
     }
 
+    /// Starts the configured device: a missing one must not merely leave networks out of `all`.
+    ///
+    /// # Errors
+    /// Why it cannot be had.
+    pub fn check_device(&self) -> Result<(), WeightsError> {
+        device::open(self.device())?;
+        Ok(())
+    }
+
+    fn device(&self) -> &str {
+        self.weights.device.as_deref().unwrap_or("cpu")
+    }
+
     /// The policy `benbv-net`, with the weights in this directory or else the configured ones.
     ///
     /// # Errors
@@ -54,7 +71,7 @@ impl Networks {
         if let Some(planner) = loaded.get(&directory) {
             return Ok(Box::new(planner.clone()));
         }
-        let config = NetPlannerConfig { candidates: self.candidates.clone(), ..NetPlannerConfig::default() };
+        let config = NetPlannerConfig { device: self.device().to_owned(), candidates: self.candidates.clone() };
         let planner = match directory.as_os_str().is_empty() {
             true => NetPlanner::bundled(config),
             false => NetPlanner::load(&directory, config),
@@ -95,7 +112,10 @@ impl Networks {
         let mut loaded = self.pc_nbv.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let network = match &*loaded {
             Some(network) => network.clone(),
-            None => loaded.insert(PcNbvModel::load(&pc_nbv_directory(&self.weights.pc_nbv)?)?).clone(),
+            None => {
+                let directory = pc_nbv_directory(&self.weights.pc_nbv)?;
+                loaded.insert(PcNbvModel::load_on(&directory, self.device())?).clone()
+            }
         };
         Ok(Box::new(PcNbvPlanner::new(name, network, published)))
     }

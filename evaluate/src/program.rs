@@ -47,6 +47,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let _: Policy = config.baseline.parse().context("baseline")?;
     args.common.start_threads()?;
     let networks = Networks::new(&config);
+    networks.check_device()?;
     let policies = policies(&config, args.preset.is_some(), &networks)?;
     let stop = program::stop_when_asked("stopping after the episodes in hand; once more to stop at once")?;
     let bar = Bar(progress());

@@ -45,6 +45,7 @@ fn wrong_use_is_found_before_any_work() {
     refused(&["--distance", "-1"], "length above 0", 2);
     refused(&["--set", "surface_samples=1000000000000"], "surface_samples = 1000000000000", 1);
     refused(&["--compare", "a", "b", "--episodes", "3"], "cannot be used with", 2);
+    refused(&["--device", "abacus"], "weights.device: unknown device `abacus`", 1);
     refused(&["--set", "weights.benbv_net=no/such", "--policies", "benbv-net"], "no/such", 1);
     let (_, _, message) = run(directory.path(), &["--config", "none.toml"]);
     assert_eq!(message.matches("No such file").count(), 1, "every cause once: {message}");

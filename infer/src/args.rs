@@ -108,6 +108,9 @@ pub struct Args {
     /// Directory of a checkpoint for benbv-net, instead of the bundled weights.
     #[arg(long, value_name = "DIR")]
     pub weights: Option<PathBuf>,
+    /// Device of benbv-net: cpu, or a GPU backend that was compiled in (wgpu, cuda; docs/gpu.md).
+    #[arg(long, value_name = "NAME")]
+    pub device: Option<String>,
     /// Stop when the next view is expected to add less than this share of the surface, such as 0.01.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub stop_below: Option<f64>,

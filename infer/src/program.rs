@@ -37,7 +37,11 @@ fn run(args: &Args) -> Result<ExitCode> {
     if args.weights.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
         misuse::<Args>("--weights does nothing for a planner other than auto and benbv-net");
     }
-    let network = || weights::network(args.weights.as_deref()).map(Some);
+    if args.device.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
+        misuse::<Args>("--device is the network's: it does nothing for a planner other than auto and benbv-net");
+    }
+    let device = args.device.as_deref().unwrap_or(weights::CPU);
+    let network = || weights::network(args.weights.as_deref(), device).map(Some);
     if args.serve {
         limits.check()?;
         service::check(&config).map_err(|refusal| anyhow::anyhow!("{}", refusal.message))?;

@@ -34,6 +34,23 @@ fn clouds_alone_are_carved_from_estimated_cameras_unless_the_network_is_asked_fo
 }
 
 #[test]
+fn the_network_runs_on_the_device_that_is_named() {
+    let network = ["--planner", "benbv-net"];
+    let named = answer(&[&network[..], &["--device", "cpu"]].concat(), &["scan1.ply"]);
+    assert_eq!(named, answer(&network, &["scan1.ply"]), "what runs without the flag");
+    let refused = |arguments: &[&str]| {
+        let output =
+            Command::new(env!("CARGO_BIN_EXE_infer")).args(arguments).arg("--scan").arg(sample("scan1.ply")).output();
+        let output = output.expect("infer runs");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, error) = refused(&["--device", "abacus"]);
+    assert!(code == Some(1) && error.contains("--device: unknown device `abacus`; this program has: cpu"), "{error}");
+    let (code, error) = refused(&["--device", "cpu", "--planner", "farthest"]);
+    assert!(code == Some(2) && error.contains("--device is the network's"), "{error}");
+}
+
+#[test]
 fn a_session_goes_on_from_command_to_command() {
     let folder = tempfile::tempdir().expect("a folder");
     let session = folder.path().join("part").display().to_string();

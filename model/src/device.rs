@@ -13,7 +13,8 @@ pub enum DeviceError {
     },
     /// Known, but left out of this build.
     #[error(
-        "device `{name}` is not in this build (it has: {}); rebuild with `--features {name}`, or take `--device cpu`",
+        "device `{name}` is not in this build (it has: {}); build one that has it with \
+         `cargo build --release -p train --features {name}` (likewise infer, evaluate), or take `--device cpu`",
         compiled_in().join(", ")
     )]
     NotCompiledIn {
@@ -73,6 +74,16 @@ pub fn open(name: &str) -> Result<Device, DeviceError> {
         "ndarray" => Err(DeviceError::NotCompiledIn { name: "ndarray" }),
         _ => Err(DeviceError::Unknown { found: name.to_string() }),
     }
+}
+
+/// Whether the device computes while the program goes on, so that reading a number waits for all before it.
+pub fn works_by_itself(device: &Device) -> bool {
+    #[cfg(feature = "ndarray")]
+    #[allow(deprecated)]
+    if *device == Device::ndarray() {
+        return false;
+    }
+    *device != Device::flex()
 }
 
 #[cfg(any(feature = "wgpu", feature = "cuda"))]

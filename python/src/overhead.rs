@@ -12,7 +12,7 @@ use std::time::Instant;
 pub fn rust_seconds(py: Python<'_>, points: &Bound<'_, PyAny>, origin: &Bound<'_, PyAny>) -> PyResult<(f64, f64)> {
     let (points, from) = (arrays::points("points", points)?, arrays::position("origin", origin)?);
     detached(py, || {
-        let network = infer::weights::network(None)?;
+        let network = infer::weights::network(None, infer::weights::CPU)?;
         let mut session = planning::Session::new(SessionConfig::default(), Some(network))?;
         let scan = Scan::Cloud { cloud: PointCloud { points, normals: Vec::new() }, from: Some(from) };
         let clock = Instant::now();

@@ -121,7 +121,7 @@ impl RobotSession {
     fn new(py: Python<'_>, config_file: Option<PathBuf>, config: &str, weights: Option<PathBuf>) -> PyResult<Self> {
         let session = crate::fault::detached(py, || {
             let config = settings(config_file.as_deref(), config)?;
-            Ok(planning::Session::new(config, Some(infer::weights::network(weights.as_deref())?))?)
+            Ok(planning::Session::new(config, Some(infer::weights::network(weights.as_deref(), infer::weights::CPU)?))?)
         })?;
         Ok(Self { session: Mutex::new(session), owner: Mutex::default() })
     }

@@ -7,7 +7,7 @@ fn names_are_known_or_explained() {
     for name in NAMES {
         if !compiled_in().contains(&name) {
             let text = open(name).unwrap_err().to_string();
-            assert!(text.contains(&format!("--features {name}")), "{text}");
+            assert!(text.contains(&format!("`cargo build --release -p train --features {name}`")), "{text}");
         }
     }
 }
