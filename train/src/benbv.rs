@@ -69,6 +69,10 @@ impl Task for BenbvTask<'_> {
         self.config.network.clone()
     }
 
+    fn network_without_dropout(&self) -> BenbvNetConfig {
+        BenbvNetConfig { dropout: 0.0, ..self.network() }
+    }
+
     fn encode(&self) -> EncodeConfig {
         self.config.encode()
     }
@@ -98,7 +102,7 @@ impl Task for BenbvTask<'_> {
         (batch.samples.len(), batch.scores.iter().map(Vec::len).sum())
     }
 
-    fn loss(&self, net: &BenbvNet, batch: Batch, device: &Device) -> Tensor<1> {
+    fn loss(&self, net: &BenbvNet, batch: &Batch, device: &Device) -> Tensor<1> {
         let width = batch.scores.iter().map(Vec::len).max().unwrap_or(0);
         let counts: Vec<usize> = batch.scores.iter().map(Vec::len).collect();
         let target = padded(&batch.scores, width, device);

@@ -6,8 +6,8 @@
 //! of its files is held against `SHA256SUMS` when it is read.
 
 use crate::TrainError;
+use crate::learner::Learner;
 use crate::schedule::{Best, ScheduleState};
-use burn::optim::ModuleOptimizer;
 use burn::store::ModuleRecord;
 use burn::tensor::Bytes;
 use model::checkpoint::Checkpoint;
@@ -73,23 +73,6 @@ impl TrainingState {
             schedule,
             best: Best::default(),
         }
-    }
-}
-
-/// What changes while training.
-pub struct Learner<N> {
-    /// The network in training mode.
-    pub net: N,
-    /// Its moving average, in evaluation mode.
-    pub average: Option<N>,
-    /// The optimizer with its moments.
-    pub optimizer: ModuleOptimizer,
-}
-
-impl<N: Network> Learner<N> {
-    /// The weights that count: the average where there is one, in evaluation mode.
-    pub fn evaluated(&self) -> N {
-        self.average.clone().unwrap_or_else(|| self.net.valid())
     }
 }
 

@@ -64,6 +64,21 @@ pub enum TrainError {
     /// The device cannot be had.
     #[error(transparent)]
     Device(#[from] model::device::DeviceError),
+    /// A device computes something else than the CPU does.
+    #[error(
+        "device `{device}` computes wrongly: {found}; losses may differ by {loss} % and gradients by {gradient} %. Its kernels or \
+         its driver have a fault: try CUBECL_AUTOTUNE_LEVEL=minimal in the environment, another driver, or `--device cpu`"
+    )]
+    Disagrees {
+        /// Its name.
+        device: String,
+        /// What came out on both.
+        found: String,
+        /// Share by which losses may differ, percent.
+        loss: f64,
+        /// Share by which gradients may differ, percent.
+        gradient: f64,
+    },
     /// Loss or gradient were not finite for too many steps in a row.
     #[error(
         "loss or gradient was not finite in {steps} steps in a row (last at step {step}); the last good state is in \

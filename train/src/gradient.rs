@@ -5,8 +5,13 @@ use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 use std::collections::BTreeMap;
 
-/// L2 norm of the whole gradient; NaN or infinite where an entry is.
+/// L2 norm of the whole gradient; NaN or infinite where an entry is. Reads it from the device.
 pub fn norm<M: Module>(net: &M, gradients: &GradientsParams) -> f64 {
+    squares(net, gradients).map_or(0.0, |sums| sums.into_data().iter::<f64>().sum::<f64>().sqrt())
+}
+
+/// Sum of the squares of each parameter's gradient, [parameters]; `None` where there is no gradient.
+pub fn squares<M: Module>(net: &M, gradients: &GradientsParams) -> Option<Tensor<1>> {
     struct Squares<'a> {
         gradients: &'a GradientsParams,
         sums: Vec<Tensor<1>>,
@@ -20,24 +25,32 @@ pub fn norm<M: Module>(net: &M, gradients: &GradientsParams) -> f64 {
     }
     let mut squares = Squares { gradients, sums: Vec::new() };
     net.visit(&mut squares);
-    if squares.sums.is_empty() {
-        return 0.0;
-    }
-    // One read-back for all: it waits for the device.
-    let sums = Tensor::cat(squares.sums, 0).into_data();
-    sums.iter::<f64>().sum::<f64>().sqrt()
+    (!squares.sums.is_empty()).then(|| Tensor::cat(squares.sums, 0))
+}
+
+/// What gradients are multiplied by.
+#[derive(Clone, Debug)]
+pub enum Factor {
+    /// A number at hand.
+    Number(f64),
+    /// One that is still being computed, [1].
+    OnDevice(Tensor<1>),
 }
 
 /// Multiplies every gradient.
-pub fn scale<M: Module>(net: &M, gradients: &mut GradientsParams, factor: f64) {
+pub fn scale<M: Module>(net: &M, gradients: &mut GradientsParams, factor: Factor) {
     struct Scale<'a> {
         gradients: &'a mut GradientsParams,
-        factor: f64,
+        factor: Factor,
     }
     impl ModuleVisitor for Scale<'_> {
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
             if let Some(g) = self.gradients.remove::<D>(param.id) {
-                self.gradients.register(param.id, g * self.factor);
+                let scaled = match &self.factor {
+                    Factor::Number(number) => g * *number,
+                    Factor::OnDevice(factor) => g * factor.clone().reshape([1; D]),
+                };
+                self.gradients.register(param.id, scaled);
             }
         }
     }
@@ -66,10 +79,15 @@ impl Statistics {
         Statistics(collect.0)
     }
 
-    /// Whether all are finite.
+    /// Whether all are finite. Reads from the device.
     pub fn are_finite(&self) -> bool {
+        self.sums().is_none_or(|sums| sums.into_data().iter::<f64>().all(f64::is_finite))
+    }
+
+    /// Sum of each, [statistics]: not finite where one of them is not. `None` where there are none.
+    pub fn sums(&self) -> Option<Tensor<1>> {
         let sums: Vec<Tensor<1>> = self.0.values().map(|t| t.clone().without_autodiff().sum()).collect();
-        sums.is_empty() || Tensor::cat(sums, 0).into_data().iter::<f64>().all(f64::is_finite)
+        (!sums.is_empty()).then(|| Tensor::cat(sums, 0))
     }
 
     /// Puts them back.

@@ -4,6 +4,7 @@
 //! resampled afresh each epoch from named random streams); [`trainer`] runs the loop; [`checkpoint`] keeps all that
 //! exact resumption needs; [`watch`] shows it.
 
+pub mod agreement;
 pub mod augment;
 pub mod benbv;
 pub mod checkpoint;
@@ -13,6 +14,7 @@ pub mod data;
 pub mod episodes;
 pub mod error;
 pub mod gradient;
+pub mod learner;
 pub mod loader;
 pub mod metrics;
 pub mod origin;
@@ -20,6 +22,7 @@ pub mod pc_nbv;
 pub mod pc_nbv_data;
 pub mod program;
 pub mod schedule;
+pub mod step;
 pub mod task;
 pub mod trainer;
 pub mod watch;

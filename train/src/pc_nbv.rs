@@ -127,11 +127,11 @@ impl<'a> PcNbvTask<'a> {
         batch.gains.extend(&sample.gains);
     }
 
-    fn tensors(&self, batch: Batch, device: &Device) -> (Tensor<3>, Tensor<2>, Tensor<2>) {
+    fn tensors(&self, batch: &Batch, device: &Device) -> (Tensor<3>, Tensor<2>, Tensor<2>) {
         let (b, device) = (batch.gains.len() / VIEWS, device.clone().inner());
-        let two = |rows| Tensor::from_data(TensorData::new(rows, [b, VIEWS]), &device);
-        let points = TensorData::new(batch.points, [b, self.config.pc_nbv.points, 3]);
-        (Tensor::from_data(points, &device), two(batch.used), two(batch.gains))
+        let two = |rows: &[f32]| Tensor::from_data(TensorData::new(rows.to_vec(), [b, VIEWS]), &device);
+        let points = TensorData::new(batch.points.clone(), [b, self.config.pc_nbv.points, 3]);
+        (Tensor::from_data(points, &device), two(&batch.used), two(&batch.gains))
     }
 }
 
@@ -164,8 +164,8 @@ impl Task for PcNbvTask<'_> {
     }
 
     /// The published sum of squares, over a batch of the full size.
-    fn loss(&self, net: &PcNbvNet, batch: Batch, device: &Device) -> Tensor<1> {
-        let (samples, _) = Self::size(&batch);
+    fn loss(&self, net: &PcNbvNet, batch: &Batch, device: &Device) -> Tensor<1> {
+        let (samples, _) = Self::size(batch);
         let (points, used, gains) = self.tensors(batch, device);
         gain_loss(net.forward(points, used), gains) * (self.config.batch as f64 / samples.max(1) as f64)
     }
@@ -178,7 +178,7 @@ impl Task for PcNbvTask<'_> {
             for (i, sample) in chunk.iter().enumerate() {
                 self.push(&mut batch, sample, &format!("validation/{}", c * VALIDATION_BATCH + i));
             }
-            let (points, used, gains) = self.tensors(batch, device);
+            let (points, used, gains) = self.tensors(&batch, device);
             let predicted = net.forward(points, used); // [B, 33]
             loss += f64::from(gain_loss(predicted.clone(), gains).into_scalar::<f32>());
             let rows: Vec<f32> = predicted.into_data().iter::<f32>().collect();

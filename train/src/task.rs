@@ -17,6 +17,11 @@ pub trait Task: Sync {
     /// Sizes of the network.
     fn network(&self) -> <Self::Net as Network>::Config;
 
+    /// The same with nothing random in its forward pass, for comparing devices: each draws numbers of its own.
+    fn network_without_dropout(&self) -> <Self::Net as Network>::Config {
+        self.network()
+    }
+
     /// How observations become its input.
     fn encode(&self) -> EncodeConfig;
 
@@ -33,7 +38,7 @@ pub trait Task: Sync {
     fn size(batch: &Self::Batch) -> (usize, usize);
 
     /// Mean loss of a batch.
-    fn loss(&self, net: &Self::Net, batch: Self::Batch, device: &Device) -> Tensor<1>;
+    fn loss(&self, net: &Self::Net, batch: &Self::Batch, device: &Device) -> Tensor<1>;
 
     /// Loss and ranking on the held-out objects; `net` is in evaluation mode.
     fn validate(&self, net: &Self::Net, device: &Device) -> Result<Validation, TrainError>;

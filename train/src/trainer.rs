@@ -1,22 +1,20 @@
 //! The training loop: ours, on burn's optimizers, because resumption has to be exact at any step.
 
 use crate::TrainError;
-use crate::checkpoint::{self, Learner, TrainingState};
-use crate::config::{OptimizerKind, TrainConfig};
-use crate::gradient::{self, Statistics};
+use crate::agreement;
+use crate::checkpoint::{self, TrainingState};
+use crate::config::TrainConfig;
+use crate::learner::{self, Learner};
 use crate::loader::{Loader, epoch_plan, worker_count};
 use crate::origin::{decisive_settings, resumable};
 use crate::schedule::Schedule;
+use crate::step::{Group, Step, UNREAD, Work};
 use crate::task::Task;
 use crate::watch::{EpisodesRecord, EpochRecord, Record, StepRecord, Watch};
-use burn::module::{Module, ModuleVisitor, Param};
-use burn::optim::decay::WeightDecayConfig;
-use burn::optim::{AdamConfig, AdamWConfig, GradientsAccumulator, GradientsParams, ModuleOptimizer};
-use burn::tensor::{Device, Tensor};
-use geometry::rng::stream;
+use burn::tensor::Device;
 use model::checkpoint::Checkpoint;
+use model::device::works_by_itself;
 use model::published::Network;
-use rand::Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -66,7 +64,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
     let latest = run.dir.join("latest");
     let settings = decisive_settings(config)?;
     let fresh = Schedule::new(&config.schedule, config.optimizer.learning_rate, total_steps);
-    let mut learner = fresh_learner::<T>(task, config, &device)?;
+    let mut learner = learner::fresh(task, config, &device)?;
     let mut state = TrainingState::fresh(settings.clone(), task.data_name(), fresh.state());
     if run.resume {
         state = resumable(task, config, run.dir)?;
@@ -82,6 +80,15 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
     }
 
     let mut finished = state.stopped || state.epoch >= config.epochs;
+    if works_by_itself(&device) && !finished {
+        let plan = epoch_plan(config.seed, state.epoch, task.visits(), config.batch, config.accumulation);
+        // A run that was cut between its last step and its validation has no step left in its epoch.
+        let step = plan.get(state.step_in_epoch).unwrap_or(&plan[0]);
+        let batch = task.batch(state.epoch, &step[0])?;
+        if let Some(text) = agreement::check(task, &config.device, &device, &learner.net, &batch)? {
+            watch.message(state.step, text)?;
+        }
+    }
     while !finished {
         let began = Instant::now();
         let done_before = state.step_in_epoch;
@@ -162,174 +169,98 @@ fn train_epoch<T: Task>(
         let workers = worker_count(config.loader.workers);
         let mut loader =
             Loader::start(scope, task, state.epoch, &plan, state.step_in_epoch, workers, config.loader.ready);
+        let save = |learner: &Learner<T::Net>, state: &TrainingState| {
+            checkpoint::save(&latest, learner, &Checkpoint { step: state.step, ..info.clone() }, state)
+        };
+        let every = config.checkpoint.every_steps;
+        let most = if works_by_itself(device) { UNREAD } else { 1 };
         while state.step_in_epoch < plan.len() {
-            if (run.stop)(state.step) {
+            let began = Instant::now();
+            let mut group = Group::new(learner, most > 1);
+            let (mut stopped, mut failed) = (false, None);
+            let due = |step: u64| every > 0 && step >= last_save + every;
+            while group.len() < most && state.step_in_epoch + group.len() < plan.len() {
+                let step = state.step + group.len() as u64;
+                if due(step) && !group.is_empty() {
+                    break;
+                }
+                if (run.stop)(step) {
+                    stopped = true;
+                    break;
+                }
+                let asked = Instant::now();
+                let parts = match loader.next_batch() {
+                    Ok(parts) => parts,
+                    Err(error) => {
+                        failed = Some(error);
+                        break;
+                    }
+                };
+                let wait_seconds = asked.elapsed().as_secs_f64();
+                for text in task.refusals() {
+                    watch.message(step, text)?;
+                }
+                rate = schedule.rate(step, state.epoch);
+                group.push(task, config, device, learner, Work::new::<T>(step, rate, wait_seconds, parts));
+            }
+            let done = group.finish(task, config, device, learner);
+            let seconds = began.elapsed().as_secs_f64() / done.len().max(1) as f64;
+            for (work, step) in done {
+                note(state, watch, &work, step, seconds, &latest)?;
+            }
+            // What was learnt so far is sound, whatever became of the data.
+            if let Some(error) = failed {
+                save(learner, state)?;
+                return Err(error);
+            }
+            if stopped {
                 return Ok(None);
             }
-            let began = Instant::now();
-            let parts = match loader.next_batch() {
-                Ok(parts) => parts,
-                // What was learnt so far is sound, whatever became of the data.
-                Err(error) => {
-                    checkpoint::save(&latest, learner, &Checkpoint { step: state.step, ..info.clone() }, state)?;
-                    return Err(error);
-                }
-            };
-            let wait_seconds = began.elapsed().as_secs_f64();
-            for text in task.refusals() {
-                watch.message(state.step, text)?;
-            }
-            rate = schedule.rate(state.step, state.epoch);
-            let step = train_step(task, config, device, learner, state.step, rate, parts);
-            state.step += 1;
-            state.step_in_epoch += 1;
-            match step {
-                Step::Done { loss, gradient_norm, samples } => {
-                    state.skipped_in_row = 0;
-                    state.loss_sum += loss * samples as f64;
-                    state.loss_samples += samples;
-                    watch.record(Record::Step(StepRecord {
-                        step: state.step,
-                        epoch: state.epoch,
-                        loss,
-                        learning_rate: rate,
-                        gradient_norm,
-                        samples,
-                        seconds: began.elapsed().as_secs_f64(),
-                        wait_seconds,
-                    }))?;
-                }
-                Step::Skipped(reason) => {
-                    state.skipped_in_row += 1;
-                    watch.message(state.step, format!("step {} left the weights as they are: {reason}", state.step))?;
-                    if state.skipped_in_row >= MOST_SKIPPED {
-                        let (step, checkpoint) = (state.step, latest.clone());
-                        return Err(TrainError::Diverged { steps: state.skipped_in_row, step, rate, checkpoint });
-                    }
-                }
-            }
-            let every = config.checkpoint.every_steps;
-            if every > 0 && state.step >= last_save + every && state.skipped_in_row == 0 {
+            if due(state.step) && state.skipped_in_row == 0 {
                 last_save = state.step;
-                let info = Checkpoint { step: state.step, ..info.clone() };
-                checkpoint::save(&latest, learner, &info, state)?;
+                save(learner, state)?;
             }
         }
         Ok(Some(rate))
     })
 }
 
-enum Step {
-    Done { loss: f64, gradient_norm: f64, samples: usize },
-    Skipped(String),
-}
-
-/// One optimizer step on the parts of a batch. Weights, moments and running statistics stay as they were where loss
-/// or gradient is not finite, or no sample could be used.
-fn train_step<T: Task>(
-    task: &T,
-    config: &TrainConfig,
-    device: &Device,
-    learner: &mut Learner<T::Net>,
-    step: u64,
-    rate: f64,
-    parts: Vec<T::Batch>,
-) -> Step {
-    let parts: Vec<(T::Batch, usize, usize)> = parts
-        .into_iter()
-        .map(|part| {
-            let (samples, terms) = T::size(&part);
-            (part, samples, terms)
-        })
-        .filter(|&(_, samples, _)| samples > 0)
-        .collect();
-    let samples = parts.iter().map(|p| p.1).sum();
-    let terms: usize = parts.iter().map(|p| p.2).sum();
-    if samples == 0 {
-        return Step::Skipped("none of its samples can be used".into());
-    }
-    let statistics = Statistics::of(&learner.net);
-    // In place of a saved generator: what dropout draws depends on seed and step alone.
-    device.seed(stream(config.seed, &format!("train/step/{step}")).next_u64());
-    let only = parts.len() == 1;
-    let mut accumulator = GradientsAccumulator::new();
-    let mut loss = 0.0;
-    let mut gradients = GradientsParams::new();
-    for (part, _, part_terms) in parts {
-        let share = part_terms as f64 / terms as f64;
-        let part_loss = task.loss(&learner.net, part, device) * share; // [1]
-        let value: f64 = part_loss.clone().into_scalar::<f32>().into();
-        loss += value;
-        if !value.is_finite() {
-            break;
+/// Books a step.
+fn note<B>(
+    state: &mut TrainingState,
+    watch: &mut Watch,
+    work: &Work<B>,
+    step: Step,
+    seconds: f64,
+    latest: &Path,
+) -> Result<(), TrainError> {
+    let (rate, samples) = (work.rate, work.samples);
+    state.step += 1;
+    state.step_in_epoch += 1;
+    match step {
+        Step::Done { loss, gradient_norm } => {
+            state.skipped_in_row = 0;
+            state.loss_sum += loss * samples as f64;
+            state.loss_samples += samples;
+            watch.record(Record::Step(StepRecord {
+                step: state.step,
+                epoch: state.epoch,
+                loss,
+                learning_rate: rate,
+                gradient_norm,
+                samples,
+                seconds,
+                wait_seconds: work.wait_seconds,
+            }))
         }
-        let of_part = GradientsParams::from_grads(part_loss.backward(), &learner.net);
-        if only {
-            gradients = of_part;
-        } else {
-            accumulator.accumulate(&learner.net, of_part);
-        }
-    }
-    if !only {
-        gradients = accumulator.grads();
-    }
-    let gradient_norm = if loss.is_finite() { gradient::norm(&learner.net, &gradients) } else { f64::NAN };
-    // A batch's statistics can overflow where its loss does not.
-    let statistics_hold = Statistics::of(&learner.net).are_finite();
-    if !gradient_norm.is_finite() || !statistics_hold {
-        learner.net = statistics.restore(learner.net.clone());
-        let overflow = if statistics_hold { "" } else { ", its statistics overflow" };
-        return Step::Skipped(format!("loss {loss}, gradient norm {gradient_norm}{overflow}"));
-    }
-    let limit = config.optimizer.clip_norm;
-    if limit > 0.0 && gradient_norm > limit {
-        gradient::scale(&learner.net, &mut gradients, limit / gradient_norm);
-    }
-    learner.net = learner.optimizer.step(rate, learner.net.clone(), gradients);
-    if let Some(average) = learner.average.take() {
-        learner.average = Some(gradient::average(average, &learner.net, config.optimizer.average_decay));
-    }
-    Step::Done { loss, gradient_norm, samples }
-}
-
-fn fresh_learner<T: Task>(task: &T, config: &TrainConfig, device: &Device) -> Result<Learner<T::Net>, TrainError> {
-    device.seed(stream(config.seed, "train/weights").next_u64());
-    let net = T::Net::create(&task.network(), device)
-        .map_err(|e| TrainError::setting("network", "sizes as given", e.to_string()))?;
-    draw_weights(&net);
-    let average = (config.optimizer.average_decay > 0.0).then(|| net.valid());
-    Ok(Learner { net: net.train(), average, optimizer: optimizer(config) })
-}
-
-/// Draws the initial weights, which burn does at first use, before anything else draws from the generator.
-fn draw_weights<M: Module>(net: &M) {
-    struct Touch;
-    impl ModuleVisitor for Touch {
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            param.val();
-        }
-    }
-    net.visit(&mut Touch);
-}
-
-fn optimizer(config: &TrainConfig) -> ModuleOptimizer {
-    let o = &config.optimizer;
-    let (beta_1, beta_2, epsilon) = (o.beta_1 as f32, o.beta_2 as f32, o.epsilon as f32);
-    match o.kind {
-        OptimizerKind::Adamw => AdamWConfig::new()
-            .with_beta_1(beta_1)
-            .with_beta_2(beta_2)
-            .with_epsilon(epsilon)
-            .with_weight_decay(o.weight_decay as f32)
-            .init(),
-        OptimizerKind::Adam => {
-            let decay = (o.weight_decay > 0.0).then(|| WeightDecayConfig::new(o.weight_decay as f32));
-            AdamConfig::new()
-                .with_beta_1(beta_1)
-                .with_beta_2(beta_2)
-                .with_epsilon(epsilon)
-                .with_weight_decay(decay)
-                .init()
+        Step::Skipped(reason) => {
+            state.skipped_in_row += 1;
+            watch.message(state.step, format!("step {} left the weights as they are: {reason}", state.step))?;
+            if state.skipped_in_row < MOST_SKIPPED {
+                return Ok(());
+            }
+            let (step, checkpoint) = (state.step, latest.to_path_buf());
+            Err(TrainError::Diverged { steps: state.skipped_in_row, step, rate, checkpoint })
         }
     }
 }

@@ -1,6 +1,8 @@
 //! Synthetic data sets with a rule that a small network can learn.
 #![allow(dead_code, missing_docs)]
 
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::Tensor;
 use formats::{CloudPrecision, Manifest, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardWriter, Split};
 use geometry::rng::stream;
 use geometry::{PointCloud, View};
@@ -111,4 +113,17 @@ pub fn tiny_config() -> TrainConfig {
         episodes: EpisodesConfig { every_epochs: 0, ..Default::default() },
         ..Default::default()
     }
+}
+
+/// Weights and running statistics, one after the other.
+pub fn all_numbers<M: Module>(net: &M) -> Vec<f32> {
+    struct Collect(Vec<f32>);
+    impl ModuleVisitor for Collect {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            self.0.extend(param.val().into_data().iter::<f32>());
+        }
+    }
+    let mut collect = Collect(Vec::new());
+    net.visit(&mut collect);
+    collect.0
 }
