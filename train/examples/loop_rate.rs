@@ -47,8 +47,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let device = model::device::open("cpu")?;
     let mut net = config.network.init(&device).train();
     let mut optimizer = AdamWConfig::new().with_weight_decay(0.01).with_epsilon(1e-8).init();
-    let mut step = |batch| {
-        let loss = task.loss(&net, batch, &device);
+    let mut step = |batch: _| {
+        let loss = task.loss(&net, &batch, &device);
         let _value: f32 = loss.clone().into_scalar();
         let gradients = GradientsParams::from_grads(loss.backward(), &net);
         net = optimizer.step(1e-3, net.clone(), gradients);

@@ -30,6 +30,7 @@ pub fn squares<M: Module>(net: &M, gradients: &GradientsParams) -> Option<Tensor
 
 /// What gradients are multiplied by.
 #[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "one at a time")]
 pub enum Factor {
     /// A number at hand.
     Number(f64),

@@ -65,6 +65,7 @@ pub struct Group<N, B> {
     steps: Vec<(Work<B>, State)>,
 }
 
+#[allow(clippy::large_enum_variant, reason = "a few at a time")]
 enum State {
     Read(Step),
     /// Loss, gradient norm and sum of the statistics, [3].
