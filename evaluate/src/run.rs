@@ -47,7 +47,7 @@ pub enum ReportError {
 
 /// How a run ended.
 pub enum Ended {
-    /// It was stopped; the same call goes on.
+    /// Interrupted; the same call resumes it.
     Stopped {
         /// Episodes that are done.
         done: usize,

@@ -182,7 +182,7 @@ fn a_stopped_run_keeps_what_it_has() {
 }
 
 #[test]
-fn shifted_yardsticks_see_other_samples() {
+fn shifted_references_see_other_samples() {
     let config = EvaluateConfig { episode: EpisodeConfig { num_views: 1, ..config(1).episode }, ..config(1) };
     let networks = Networks::new(&config);
     let object = &objects(&config)[0];

@@ -1,4 +1,4 @@
-"""Wrong and odd arguments: an exception that says what and why, and the process goes on."""
+"""Wrong and odd arguments: an exception that says what and why, and the process survives."""
 
 import numpy as np
 import pytest

@@ -25,7 +25,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     }
 }
 
-/// Whether a file is text: it begins with "solid", whatever its byte-order mark, and goes on in words. Headers of binary
+/// Whether a file is text: it begins with "solid", whatever its byte-order mark, followed by words. Headers of binary
 /// files may begin so, too: then the size fits the count, or zero bytes and no words of the grammar follow.
 fn is_text(bytes: &[u8], count: Option<u64>) -> bool {
     if count.is_some_and(|n| HEADER as u64 + n * FACET as u64 == bytes.len() as u64) {

@@ -144,7 +144,7 @@ impl VoxelGrid {
     fn hollow_runs(&self) -> [Vec<Run>; 2] {
         let mut runs = [Vec::new(), Vec::new()];
         let hollow = |i: u32| self.code[i as usize] == HOLLOW;
-        // Rows end in free voxels, so that none goes on in the next.
+        // Rows end in free voxels, so that no row continues in the next.
         for voxels in self.unknown.chunk_by(|&a, &b| b == a + 1 && hollow(a) == hollow(b)).filter(|v| hollow(v[0])) {
             let first = voxels[0] as usize;
             for (runs, run) in runs.iter_mut().zip(self.membrane.runs(first, first + voxels.len())) {
