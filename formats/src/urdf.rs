@@ -1,11 +1,12 @@
 //! Arms from URDF: the chain of joints from the root to a link, with the collision geometry of its links. A reader of our own for the few
-//! elements that matter: what reads all of URDF brings an XML library and a serialiser with it, and meshes need files of other packages.
+//! elements that matter: what reads all of URDF brings an XML library and a serialiser with it.
 
+mod mesh;
 mod xml;
 
 use crate::{FormatError, Place};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
-use planning::reach::{Arm, Joint, JointKind, Link, balls_of_box, balls_of_cylinder};
+use planning::reach::{Arm, Joint, JointKind, Link, balls_of_box, balls_of_cylinder, balls_of_mesh};
 use std::path::Path;
 use xml::Element;
 
@@ -86,10 +87,13 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
                         .ok_or_else(|| wrong(element, "box without size".into(), "x y z"))?;
                     balls_of_box(&[[-0.5 * x, -0.5 * y, -0.5 * z], [0.5 * x, 0.5 * y, 0.5 * z]])
                 }
-                "mesh" => {
-                    notes.push(format!("link {name}: its collision mesh is not read; give it cylinders, boxes or spheres, or nothing is known to touch it"));
-                    continue;
-                }
+                "mesh" => match mesh::collision_mesh(path, shape) {
+                    Ok(mesh) => balls_of_mesh(&mesh),
+                    Err(why) => {
+                        notes.push(format!("link {name}: {why}; without it nothing is known to touch that link"));
+                        continue;
+                    }
+                },
                 other => return Err(wrong(element, format!("<{other}>"), "box, cylinder, capsule, sphere")),
             };
             let frame = origin(collision).map_err(|found| wrong(element, found, "numbers"))?;

@@ -7,7 +7,7 @@ mod collision;
 mod config;
 mod inverse;
 
-pub use collision::{Hindrance, Obstacles, balls_of_box, balls_of_cylinder};
+pub use collision::{Hindrance, Obstacles, balls_of_box, balls_of_cylinder, balls_of_mesh};
 pub use config::RobotConfig;
 pub use inverse::{Solution, Unreached};
 

@@ -1,4 +1,5 @@
 use super::*;
+use geometry::{Mesh, Reconstruction};
 use nalgebra::{Matrix4, Rotation3};
 use planning::pose::Pose;
 use planning::reach::{MOST_JOINTS, Reach, RobotConfig, Solution};
@@ -154,5 +155,53 @@ fn what_is_no_serial_arm_is_refused_by_name() {
     refused("plain text", "tool0", "no element");
     let meshed = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"package://x.stl\"/>", 1);
     let read = parse_urdf(Path::new("arm.urdf"), meshed.as_bytes(), "tool0").expect("an arm");
-    assert!(read.notes[0].contains("shoulder_link"), "{:?}", read.notes);
+    assert!(read.notes[0].contains("shoulder_link") && read.notes[0].contains("x.stl"), "{:?}", read.notes);
+}
+
+#[test]
+fn collision_meshes_are_found_in_their_package_and_held_by_balls() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let package = folder.path().join("some_description");
+    std::fs::create_dir_all(package.join("urdf")).expect("a folder");
+    std::fs::create_dir_all(package.join("meshes")).expect("a folder");
+    // A box of 300 x 60 x 40 mm, in millimetres.
+    let corner = |i: usize| Point3::new([0.0, 300.0][i & 1], [-30.0, 30.0][i >> 1 & 1], [0.0, 40.0][i >> 2]);
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles: Vec<[u32; 3]> = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    let mesh = Mesh { vertices: (0..8).map(corner).collect(), triangles };
+    let surface = Reconstruction { normals: vec![Vector3::z(); 8], rim: vec![false; 8], mesh };
+    crate::mesh::write_surface(&package.join("meshes/arm.stl"), &surface).expect("written");
+
+    let text = std::fs::read_to_string(file("ur5e")).expect("a sample");
+    let path = package.join("urdf/arm.urdf");
+    for name in ["package://some_description/meshes/arm.stl", "../meshes/arm.stl"] {
+        let mesh = format!("<mesh filename=\"{name}\" scale=\"0.001 0.001 0.001\"/>");
+        let text = text.replacen("<sphere radius=\"0.08\"/>", &mesh, 1);
+        let read = parse_urdf(&path, text.as_bytes(), "tool0").expect("an arm");
+        assert!(read.notes.is_empty(), "{:?}", read.notes);
+        let link = read.arm.joints.iter().map(|j| &j.link).find(|link| link.name == "shoulder_link").expect("a link");
+        assert!((20..200).contains(&link.balls_m.len()), "{}", link.balls_m.len());
+        let truth = Mesh {
+            vertices: surface.mesh.vertices.iter().map(|v| v * 0.001).collect(),
+            triangles: surface.mesh.triangles.clone(),
+        };
+        let rng = &mut geometry::rng::stream(1, "mesh");
+        let samples = geometry::sampling::poisson_disk_sample(&truth, 3000, rng).expect("samples");
+        let distance = |p: &Point3<f64>, [x, y, z, r]: &[f64; 4]| (p - Point3::new(*x, *y, *z)).norm() - r;
+        for p in &samples {
+            let off = link.balls_m.iter().map(|ball| distance(p, ball)).fold(f64::INFINITY, f64::min);
+            assert!(off <= 0.0, "{p} is {off} m outside of all balls");
+        }
+        // And not much more: 35 mm off the box nothing is touched.
+        for p in [Point3::new(0.15, 0.065, 0.02), Point3::new(0.15, 0.0, 0.08), Point3::new(-0.04, 0.0, 0.02)] {
+            assert!(link.balls_m.iter().all(|ball| distance(&p, ball) > 0.0), "{p}");
+        }
+    }
+    let far = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"../meshes/arm.stl\"/>", 1);
+    let read = parse_urdf(&path, far.as_bytes(), "tool0").expect("an arm");
+    assert!(read.notes[0].contains("is its scale right"), "{:?}", read.notes);
+    let collada = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"arm.urdf\"/>", 1);
+    std::fs::write(&path, "<robot/>").expect("written");
+    let read = parse_urdf(&path, collada.as_bytes(), "tool0").expect("an arm");
+    assert!(read.notes[0].contains("is not read") && read.notes[0].contains(".stl"), "{:?}", read.notes);
 }

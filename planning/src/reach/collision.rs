@@ -2,9 +2,10 @@
 
 use super::{Joints, Link, MOST_JOINTS, Reach, Unreached, show};
 use crate::constraints::Box3;
-use geometry::{NeighborGrid, rng};
+use geometry::{Mesh, NeighborGrid, rng};
 use nalgebra::{Isometry3, Point3};
 use rand::RngExt;
+use std::collections::BTreeMap;
 
 /// Arms drawn to learn which links always touch.
 const DRAWN: usize = 64;
@@ -105,6 +106,35 @@ pub fn balls_of_cylinder(radius: f64, length: f64) -> Vec<[f64; 4]> {
     let step = length / count as f64;
     let ball = (radius * radius + 0.25 * step * step).sqrt();
     (0..count).map(|i| [0.0, 0.0, (i as f64 + 0.5) * step - 0.5 * length, ball]).collect()
+}
+
+/// Balls that hold the surface of a mesh: one for each cell of a lattice that it passes, a twelfth of its extent wide.
+pub fn balls_of_mesh(mesh: &Mesh) -> Vec<[f64; 4]> {
+    const ALONG: f64 = 12.0;
+    const LEAST_M: f64 = 0.01;
+    // A triangle that is larger than this many cells is no part of a link.
+    const MOST_STEPS: f64 = 64.0;
+    let (low, high) = mesh.bounding_box();
+    let cell = ((high - low).max() / ALONG).max(LEAST_M);
+    let mut parts: BTreeMap<[i32; 3], [Point3<f64>; 2]> = BTreeMap::new();
+    for &triangle in &mesh.triangles {
+        let [a, b, c] = mesh.corners(triangle);
+        let longest = [b - a, c - a, c - b].iter().map(|edge| edge.norm()).fold(0.0, f64::max);
+        // Two steps to a cell: nothing of the surface is farther than 0.3 cells from a point.
+        let steps = (2.0 * longest / cell).ceil().clamp(1.0, MOST_STEPS) as usize;
+        for (i, j) in (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| (i, j))) {
+            let [u, v] = [i, j].map(|n| n as f64 / steps as f64);
+            let point = a + (b - a) * u + (c - a) * v;
+            let at = [0, 1, 2].map(|k| ((point[k] - low[k]) / cell).floor() as i32);
+            let [low, high] = parts.entry(at).or_insert([point; 2]);
+            (*low, *high) = (low.inf(&point), high.sup(&point));
+        }
+    }
+    let ball = |[low, high]: [Point3<f64>; 2]| {
+        let middle = nalgebra::center(&low, &high);
+        [middle.x, middle.y, middle.z, 0.5 * (high - low).norm() + 0.3 * cell]
+    };
+    parts.into_values().map(ball).collect()
 }
 
 impl Reach {
