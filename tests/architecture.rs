@@ -5,11 +5,11 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const CRATES: [&str; 10] =
-    ["built", "geometry", "planning", "formats", "datagen", "model", "train", "infer", "evaluate", "python"];
+const CRATES: [&str; 11] =
+    ["built", "geometry", "planning", "formats", "datagen", "model", "train", "infer", "evaluate", "python", "ros2"];
 
 /// What each crate may use of ours, and whether it may name burn.
-const RULES: [(&str, &[&str], bool); 10] = [
+const RULES: [(&str, &[&str], bool); 11] = [
     ("built", &[], false),
     ("geometry", &[], false),
     ("planning", &["geometry"], false),
@@ -17,7 +17,8 @@ const RULES: [(&str, &[&str], bool); 10] = [
     ("datagen", &["built", "geometry", "planning", "formats"], false),
     ("model", &["geometry", "planning"], true),
     ("train", &["built", "geometry", "planning", "formats", "datagen", "model"], true),
-    ("infer", &["built", "geometry", "planning", "formats", "datagen", "model"], false),
+    ("ros2", &["geometry", "planning", "formats"], false),
+    ("infer", &["built", "geometry", "planning", "formats", "datagen", "model", "ros2"], false),
     ("evaluate", &["built", "geometry", "planning", "formats", "datagen", "model"], false),
     ("python", &["geometry", "planning", "formats", "datagen", "model", "train", "infer", "evaluate"], false),
 ];

@@ -54,6 +54,13 @@ impl PinholeCamera {
         Point3::new((column - self.cx) * z / self.fx, (row - self.cy) * z / self.fy, z)
     }
 
+    /// The camera and the four corners of the image at this depth, camera frame.
+    pub fn frustum(&self, depth: f64) -> [Point3<f64>; 5] {
+        let (width, height) = (f64::from(self.width), f64::from(self.height));
+        let at = |column: f64, row: f64| self.unproject(column, row, depth);
+        [Point3::origin(), at(0.0, 0.0), at(width, 0.0), at(width, height), at(0.0, height)]
+    }
+
     /// Size of a pixel on a surface that faces the camera at this depth, in metres.
     pub fn pixel_size(&self, depth: f64) -> f64 {
         depth / self.fx.min(self.fy)

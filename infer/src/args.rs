@@ -26,6 +26,7 @@ Examples:
   infer --session part7 --scan c.ply --from 0.8,0.2,0.9
   infer --object procedural:3 --views 10 --report loop.html --mesh part.ply
   infer --serve --http 127.0.0.1:8350
+  infer --serve --ros2 base_link --set ros2.cloud_topic=/camera/points
   infer --scan a.ply --from 0,0,1 --set constraints.floor_height_m=0.05 --set constraints.max_travel_m=0.8
 
 Every setting: configs/infer.toml, of the service: configs/service.toml. For robots: docs/robots.md.
@@ -148,16 +149,20 @@ pub struct Args {
     /// Keep the session in this directory: these scans are added to those of earlier commands. Settings are those given now.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["object", "serve"])]
     pub session: Option<PathBuf>,
-    /// Answer requests: JSON lines over stdin and stdout, or HTTP with --http.
+    /// Answer requests: JSON lines over stdin and stdout, HTTP with --http, ROS 2 with --ros2.
     #[arg(long, conflicts_with_all = ["scan", "depth", "report", "ply", "views_from"])]
     pub serve: bool,
     /// Loopback address for --serve, such as 127.0.0.1:8350; port 0 takes a free one and prints it.
     #[arg(long, value_name = "ADDRESS", requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
     pub http: Option<SocketAddr>,
+    /// Serve as a ROS 2 node, which brings scans into this frame and answers poses in it: the one that the object stands still in, such
+    /// as base_link. Beside HTTP, if --http is given too. Topics and more: [ros2] of configs/service.toml; docs/ros2.md.
+    #[arg(long, value_name = "BASE_FRAME", num_args = 0..=1, requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
+    pub ros2: Option<Option<String>>,
     /// Keep the sessions of --serve in this directory: they survive its end, however sudden.
     #[arg(long, value_name = "DIR", requires = "serve")]
     pub state: Option<PathBuf>,
-    /// Settings of the service from a TOML file, as configs/service.toml; also --set service.KEY=VALUE.
+    /// Settings of the service from a TOML file, as configs/service.toml; also --set service.KEY=VALUE, ros2.KEY=VALUE.
     #[arg(long, value_name = "FILE", requires = "serve")]
     pub service_config: Option<PathBuf>,
     /// What every program has.

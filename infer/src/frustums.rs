@@ -2,7 +2,7 @@
 
 use formats::FormatError;
 use formats::cloud::{ColoredPoint, write_ply_scene};
-use geometry::{BoundaryConfig, PinholeCamera, boundary_points};
+use geometry::{BoundaryConfig, boundary_points};
 use nalgebra::Point3;
 use planning::{Answer, Session};
 use std::path::Path;
@@ -31,7 +31,7 @@ pub fn write(path: &Path, session: &Session, answer: &Answer) -> Result<(), Form
         };
         let length = (high - low).norm() * if is_next { 0.3 } else { 0.12 };
         let first = points.len() as u32;
-        let corners = frustum(camera, length);
+        let corners = camera.frustum(length);
         points.extend(corners.iter().map(|corner| {
             let m = &candidate.world_from_camera.matrix;
             let at = |row: usize| m[row][0] * corner.x + m[row][1] * corner.y + m[row][2] * corner.z + m[row][3];
@@ -47,11 +47,4 @@ pub fn write(path: &Path, session: &Session, answer: &Answer) -> Result<(), Form
         }
     }
     write_ply_scene(path, &points, &edges)
-}
-
-/// Apex and the four corners of the image at this depth, camera frame.
-fn frustum(camera: &PinholeCamera, depth: f64) -> [Point3<f64>; 5] {
-    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
-    let at = |column: f64, row: f64| camera.unproject(column, row, depth);
-    [Point3::origin(), at(0.0, 0.0), at(width, 0.0), at(width, height), at(0.0, height)]
 }

@@ -7,7 +7,9 @@ mod routes;
 
 use crate::request::{Ask, Body};
 use crate::service::{Fingerprint, Held, Key, Method, Patience, Refusal, Reply, Service, reading};
+use anyhow::Context;
 use connections::{Connection, Connections, Place, Taken};
+use formats::program::print_line;
 use http_body_util::Full;
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{ALLOW, CONNECTION, CONTENT_TYPE, HeaderValue, RETRY_AFTER};
@@ -40,11 +42,22 @@ const LOOK: Duration = Duration::from_millis(50);
 static OPENAPI: &str = include_str!("../../docs/openapi.yaml");
 
 struct Server {
-    service: Service,
+    service: Arc<Service>,
     /// Work at once: one per core.
     cores: Arc<Semaphore>,
     connections: Arc<Connections>,
     stop: watch::Receiver<bool>,
+}
+
+/// [`serve`], its address printed for the program that started this one: port 0 is known then.
+///
+/// # Errors
+/// As [`serve`].
+pub fn serve_and_tell(service: Arc<Service>, address: SocketAddr, stop: &'static AtomicBool) -> anyhow::Result<()> {
+    let tell = |bound| {
+        let _ = print_line(format_args!("listening on http://{bound}"));
+    };
+    serve(service, address, stop, tell).with_context(|| format!("--http {address}"))
 }
 
 /// Answers until `stop` is set; then what runs is answered, as far as it takes no longer than `service.stop_ms`. `ready` is
@@ -53,7 +66,7 @@ struct Server {
 /// # Errors
 /// The address is not loopback or cannot be bound.
 pub fn serve(
-    service: Service,
+    service: Arc<Service>,
     address: SocketAddr,
     stop: &'static AtomicBool,
     ready: impl FnOnce(SocketAddr),

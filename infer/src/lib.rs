@@ -1,11 +1,14 @@
 //! A shell around the crate `planning` for real scans: the program `infer`, and what the Python package shares with it.
 
 mod args;
+mod direct;
 mod frustums;
 mod http;
 mod kept;
 mod lines;
 pub mod load;
+#[cfg(feature = "ros2")]
+mod node;
 mod plan;
 pub mod program;
 pub mod report;

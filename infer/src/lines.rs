@@ -1,7 +1,8 @@
 //! The service over stdin and stdout: one JSON request per line, one JSON answer per line, in order.
 
-use crate::request::{Ask, Body, Object};
-use crate::service::{BoundedJson, Fingerprint, Key, Method, Refusal, Reply, Service, reading};
+use crate::direct;
+use crate::request::{Body, Object};
+use crate::service::{BoundedJson, Fingerprint, Key, Method, Refusal, Reply, Service};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as NameError;
@@ -115,27 +116,11 @@ fn answer_line(service: &Service, line: &[u8]) -> (Value, Result<Reply, Refusal>
 fn handle(service: &Service, request: &Line, line: &[u8]) -> Result<Reply, Refusal> {
     let named = Method::deserialize(IntoDeserializer::<NameError>::into_deserializer(request.method.as_str()));
     let method = named.map_err(|e| Refusal::new(400, "bad_request", format!("method: {e}")))?;
-    let mut patience = service.patience();
     let session = request.session.as_deref();
     let mut asked = DefaultHasher::new();
     (method, session, request.params).hash(&mut asked);
     let key = request.request_id.as_ref().map(|name| Key::new(name, asked.finish())).transpose()?;
-    match method {
-        Method::Health => return service.health(),
-        Method::List => return service.list(),
-        Method::Delete => return service.delete(session.unwrap_or_default(), key),
-        _ => {}
-    }
-    let mut spare = service.memory().take(line.len() + reading(method, line.len()))?;
-    let ask = Ask::parse(method, Body::Line(line), true, service.keeps_state())?;
-    patience.set(ask.deadline_ms(), service.limits().max_deadline_ms)?;
-    if let Ask::Create(request) = ask {
-        return service.create(request, key);
-    }
-    spare.resize(line.len() + ask.work())?;
-    let entry = service.entry(session)?;
-    let mut open = entry.open.blocking_lock();
-    service.work(&entry, &mut open, ask, key, &patience, spare)
+    direct::answer(service, method, session, Body::Line(line), key)
 }
 
 /// The next line; `None` at the end of the input.

@@ -3,7 +3,7 @@
 use crate::args::Args;
 use crate::load::{self, DepthCamera, Loaded};
 use crate::report::{ReportInput, report_html};
-use crate::service::{self, Service, ServiceConfig};
+use crate::service::{self, ServeConfig, Service};
 use crate::{frustums, http, kept, lines, plan, simulate, weights};
 use anyhow::{Context, Result, bail};
 use formats::Flag;
@@ -14,9 +14,11 @@ use geometry::Lens;
 use nalgebra::Isometry3;
 use planning::pose::Pose;
 use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
+use ros2::Ros2Config;
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// The program with this command line, its own name first.
 pub fn main(words: impl Iterator<Item = OsString>) -> ExitCode {
@@ -27,9 +29,15 @@ pub fn main(words: impl Iterator<Item = OsString>) -> ExitCode {
 
 fn run(args: &Args) -> Result<ExitCode> {
     args.common.start_threads()?;
-    let (limits, set) = ServiceConfig::load(args.service_config.as_deref(), &args.common.set)?;
+    let frame = args.ros2.clone().flatten();
+    let frame = Flag::given("--ros2", "ros2.base_frame", frame);
+    let (ServeConfig { service: limits, ros2: node }, set) =
+        ServeConfig::load(args.service_config.as_deref(), &args.common.set, frame.as_slice())?;
     if !args.serve && set.len() < args.common.set.len() {
-        bail!("--set service.KEY=VALUE: a setting of the service, which --serve starts");
+        bail!("--set service.KEY=VALUE, ros2.KEY=VALUE: a setting of the service, which --serve starts");
+    }
+    if args.ros2.is_none() && node != Ros2Config::default() {
+        bail!("ros2.KEY: a setting of the node, which --serve --ros2 starts");
     }
     let config = settings(args, set)?;
     args.plan.as_deref().map_or(Ok(()), plan::check)?;
@@ -44,12 +52,15 @@ fn run(args: &Args) -> Result<ExitCode> {
     let network = || weights::network(args.weights.as_deref(), device).map(Some);
     if args.serve {
         limits.check()?;
+        if args.ros2.is_some() {
+            node.check()?;
+        }
         service::check(&config).map_err(|refusal| anyhow::anyhow!("{}", refusal.message))?;
         let mut service = Service::new(config.clone(), network()?, limits);
         if let Some(folder) = &args.state {
             service = service.keeping_state(folder).with_context(|| format!("--state {}", folder.display()))?;
         }
-        return serve(service, args).map(|()| ExitCode::SUCCESS);
+        return serve(service, args.ros2.as_ref().map(|_| &node), args).map(|()| ExitCode::SUCCESS);
     }
     if let Some(object) = &args.object {
         return closed_loop(object, args, Session::new(config.clone(), network()?)?);
@@ -261,14 +272,20 @@ fn write_files(
     Ok(())
 }
 
-fn serve(service: Service, args: &Args) -> Result<()> {
+fn serve(service: Service, node: Option<&Ros2Config>, args: &Args) -> Result<()> {
+    let service = Arc::new(service);
     let stop = stop_when_asked("stopping: what runs is answered first; again ends it at once")?;
+    #[cfg(feature = "ros2")]
+    if let Some(config) = node {
+        return crate::node::serve(&service, config, args.http, stop);
+    }
+    if node.is_some() {
+        bail!(
+            "--ros2: this infer was built without ROS 2; cargo install --path infer --features ros2 builds one with it"
+        );
+    }
     match args.http {
-        Some(address) => http::serve(service, address, stop, |bound| {
-            // A line for the program that started this one; port 0 is known now.
-            let _ = print_line(format_args!("listening on http://{bound}"));
-        })
-        .with_context(|| format!("--http {address}")),
+        Some(address) => http::serve_and_tell(service, address, stop),
         None => {
             let input = std::io::BufReader::new(std::io::stdin());
             lines::serve(&service, input, std::io::stdout().lock(), stop).context("stdin and stdout")

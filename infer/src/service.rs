@@ -11,7 +11,7 @@ mod time;
 mod work;
 
 pub use answers::{Answers, Key};
-pub use config::ServiceConfig;
+pub use config::{ServeConfig, ServiceConfig};
 pub use fingerprint::Fingerprint;
 pub use memory::{Held, Memory};
 pub use refusal::Refusal;
@@ -100,6 +100,16 @@ impl Entry {
     fn new(id: u64, open: Open, scans: usize) -> Self {
         let (bytes, used) = (open.memory().into(), Mutex::new(Instant::now()));
         Self { id, open: Arc::new(tokio::sync::Mutex::new(open)), used, scans: scans.into(), bytes }
+    }
+
+    /// The session's name.
+    pub fn name(&self) -> String {
+        self.id.to_string()
+    }
+
+    /// Scans in it.
+    pub fn scans(&self) -> usize {
+        self.scans.load(Ordering::Relaxed)
     }
 }
 

@@ -1,7 +1,8 @@
 //! Settings of the service; `configs/service.toml` shows each at its default.
 
-use formats::ConfigError;
 use formats::config::{SettingError, load};
+use formats::{ConfigError, Flag};
+use ros2::Ros2Config;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
@@ -46,22 +47,29 @@ impl Default for ServiceConfig {
     }
 }
 
-#[derive(Default, Serialize, Deserialize)]
+/// Settings of everything that serves.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct ServiceFile {
-    service: ServiceConfig,
+pub struct ServeConfig {
+    /// The service, whatever the way to it.
+    pub service: ServiceConfig,
+    /// The node of `--ros2`.
+    pub ros2: Ros2Config,
 }
 
-impl ServiceConfig {
-    /// From a file and those `--set` that begin with `service.`; the others are returned.
+impl ServeConfig {
+    /// From a file, those `--set` that begin with `service.` or `ros2.`, and flags; the other `--set` are returned.
     ///
     /// # Errors
     /// As [`load`].
-    pub fn load(file: Option<&Path>, set: &[String]) -> Result<(Self, Vec<String>), ConfigError> {
-        let (own, others) = set.iter().cloned().partition::<Vec<_>, _>(|s| s.trim_start().starts_with("service."));
-        Ok((load::<ServiceFile>(file, &own, &[])?.service, others))
+    pub fn load(file: Option<&Path>, set: &[String], flags: &[Flag]) -> Result<(Self, Vec<String>), ConfigError> {
+        let own = |s: &String| ["service.", "ros2."].iter().any(|table| s.trim_start().starts_with(table));
+        let (own, others) = set.iter().cloned().partition::<Vec<_>, _>(own);
+        Ok((load(file, &own, flags)?, others))
     }
+}
 
+impl ServiceConfig {
     /// Refuses what no service can keep.
     ///
     /// # Errors

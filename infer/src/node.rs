@@ -1,0 +1,101 @@
+//! The service as a ROS 2 node (`--ros2`), beside HTTP where that is asked for.
+
+use crate::request::Body;
+use crate::service::{Entry, Method, Refusal, Service};
+use crate::{direct, http};
+use anyhow::{Context, Result};
+use formats::program::print_line;
+use ros2::Ros2Config;
+use ros2::planner::{Ask, Planner, Refused, SessionInfo};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// How often the service looks whether it shall stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// The session that was opened first, as HTTP shows it too.
+struct First(Arc<Service>);
+
+impl First {
+    fn entry(&self) -> Result<Arc<Entry>, Refused> {
+        self.0.first().map_err(told)
+    }
+}
+
+fn told(refusal: Refusal) -> Refused {
+    Refused { code: refusal.code.to_owned(), message: refusal.message }
+}
+
+impl Planner for First {
+    fn ask(&self, ask: Ask, body: &[u8]) -> Result<Vec<u8>, Refused> {
+        let method = match ask {
+            Ask::AddScan => Method::AddScan,
+            Ask::NextView => Method::NextView,
+            Ask::Undo => Method::Undo,
+            Ask::Reset => Method::Reset,
+            Ask::Export => Method::Export,
+        };
+        let session = self.entry()?.name();
+        if self.0.stopping.is_set() {
+            return Err(told(Refusal::stopping()));
+        }
+        let reply = direct::answer(&self.0, method, Some(&session), Body::Whole(body), None).map_err(told)?;
+        Ok(reply.body.to_vec())
+    }
+
+    fn session(&self) -> Result<SessionInfo, Refused> {
+        let entry = self.entry()?;
+        Ok(SessionInfo { name: entry.name(), scans: entry.scans(), kept: self.0.keeps_state() })
+    }
+}
+
+/// Answers until `stop` is set; then what runs is answered, as far as it takes no longer than `service.stop_ms`.
+///
+/// # Errors
+/// No network; the address of HTTP cannot be had.
+pub fn serve(
+    service: &Arc<Service>,
+    config: &Ros2Config,
+    http: Option<SocketAddr>,
+    stop: &'static AtomicBool,
+) -> Result<()> {
+    let planner = First(Arc::clone(service));
+    // Before HTTP can open another.
+    planner.session().with_context(|| "the session of --ros2")?;
+    thread::scope(|scope| {
+        let node = scope.spawn(|| {
+            let ended = ros2::node::run(config, &planner, stop, |name| {
+                let _ = print_line(format_args!("listening as {name}"));
+            });
+            stop.store(true, Ordering::SeqCst);
+            ended
+        });
+        let served = match http {
+            Some(address) => http::serve_and_tell(Arc::clone(service), address, stop),
+            None => {
+                wait(service, stop, || node.is_finished());
+                Ok(())
+            }
+        };
+        stop.store(true, Ordering::SeqCst);
+        let ended = node.join().map_err(|_| anyhow::anyhow!("the node of --ros2 ended by a fault of the program"))?;
+        served.and(ended.context("--ros2"))
+    })
+}
+
+/// Until the node has ended: asked to stop, what runs may take `service.stop_ms`.
+fn wait(service: &Service, stop: &AtomicBool, ended: impl Fn() -> bool) {
+    while !stop.load(Ordering::SeqCst) && !ended() {
+        thread::sleep(LOOK);
+    }
+    service.stopping.set();
+    let mut left = Duration::from_millis(service.limits().stop_ms);
+    while !ended() && !left.is_zero() {
+        thread::sleep(LOOK);
+        left = left.saturating_sub(LOOK);
+    }
+    service.halted.set();
+}

@@ -1,0 +1,159 @@
+//! Services done: what `plan`, `undo` and `reset` do, whatever brings the request.
+
+use crate::answer::{Used, candidates, next_view, report};
+use crate::inbox::{Inbox, Measurement, Ready};
+use crate::markers::{Known, markers};
+use crate::messages::{Header, MarkerArray, PoseArray, PoseStamped, TriggerResponse};
+use crate::planner::{Ask, Planner, Refused, ScanRequest};
+use crate::{MessageError, Ros2Config, cloud, image};
+use planning::Answer;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::sync::atomic::AtomicBool;
+
+/// What is to be published after `plan`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Published {
+    /// None where no view is left, or none is worth it.
+    pub next_view: Option<PoseStamped>,
+    /// All that may be taken.
+    pub candidates: PoseArray,
+    /// For RViz.
+    pub markers: MarkerArray,
+}
+
+/// What happens between one request and the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pending {
+    /// A scan was added, and no view was had for it: the next `plan` takes no other first.
+    scan_without_view: bool,
+}
+
+/// Where requests are done.
+pub struct Desk<'a> {
+    /// What has come.
+    pub inbox: &'a Inbox,
+    /// Who plans.
+    pub planner: &'a dyn Planner,
+    /// The node stops.
+    pub stop: &'a AtomicBool,
+}
+
+fn done(message: String) -> TriggerResponse {
+    TriggerResponse { success: true, message }
+}
+
+/// A refusal as a service tells it.
+pub fn refused(refused: &Refused) -> TriggerResponse {
+    TriggerResponse { success: false, message: format!("{}: {}", refused.code, refused.message) }
+}
+
+fn unreadable(error: &serde_json::Error) -> Refused {
+    Refused { code: "internal".to_owned(), message: format!("an answer cannot be read: {error}") }
+}
+
+impl From<MessageError> for Refused {
+    fn from(error: MessageError) -> Self {
+        Self { code: "bad_message".to_owned(), message: error.to_string() }
+    }
+}
+
+impl Desk<'_> {
+    /// Takes the newest scan and plans. `changes`: settings of the session to change, an object as JSON.
+    pub fn plan(
+        &self,
+        config: &Ros2Config,
+        changes: &str,
+        header: &Header,
+        pending: &mut Pending,
+    ) -> (TriggerResponse, Option<Published>) {
+        match self.try_plan(config, changes, header, pending) {
+            Ok((message, published)) => (done(message), Some(published)),
+            Err(why) => (refused(&why), None),
+        }
+    }
+
+    fn try_plan(
+        &self,
+        config: &Ros2Config,
+        changes: &str,
+        header: &Header,
+        pending: &mut Pending,
+    ) -> Result<(String, Published), Refused> {
+        let mut notes = Vec::new();
+        let used = match pending.scan_without_view {
+            true => None,
+            false => Some(self.add_scan(config, &mut notes)?),
+        };
+        pending.scan_without_view = true;
+        let mut request = json!({});
+        if !changes.trim().is_empty() {
+            request["config"] = serde_json::from_str(changes).map_err(|e| Refused {
+                code: "bad_config".to_owned(),
+                message: format!("the parameter config is no JSON: {e}"),
+            })?;
+        }
+        let body = self.planner.ask(Ask::NextView, request.to_string().as_bytes()).map_err(|why| {
+            let added = if used.is_some() { "the scan was added, and no view was had (plan again): " } else { "" };
+            Refused { message: format!("{added}{}", why.message), ..why }
+        })?;
+        let answer: Answer = serde_json::from_slice(&body).map_err(|e| unreadable(&e))?;
+        let known: Known = serde_json::from_slice(&self.planner.ask(Ask::Export, b"")?).map_err(|e| unreadable(&e))?;
+        let session = self.planner.session()?;
+        pending.scan_without_view = false;
+        let published = Published {
+            next_view: next_view(&answer, header),
+            candidates: candidates(&answer, header),
+            markers: markers(known, &answer, header),
+        };
+        Ok((report(&answer, &header.frame_id, &session, used.as_ref(), &notes), published))
+    }
+
+    fn add_scan(&self, config: &Ros2Config, notes: &mut Vec<String>) -> Result<Used, Refused> {
+        #[derive(Deserialize)]
+        struct Added {
+            #[serde(default)]
+            notes: Vec<String>,
+        }
+        let mut ready = self.inbox.ready(config, self.stop)?;
+        let ScanRequest { body, made_of } = request(&ready, config.rectified)?;
+        let added = self.planner.ask(Ask::AddScan, &body)?;
+        self.inbox.mark_used(ready.number);
+        let added: Added = serde_json::from_slice(&added).map_err(|e| unreadable(&e))?;
+        notes.append(&mut ready.notes);
+        notes.extend(added.notes);
+        Ok(Used { made_of, ..ready.used })
+    }
+
+    /// Takes the last scan back, or forgets all.
+    pub fn take_back(&self, ask: Ask, pending: &mut Pending) -> TriggerResponse {
+        let answer = self.planner.ask(ask, b"").and_then(|body| {
+            let answer: Value = serde_json::from_slice(&body).map_err(|e| unreadable(&e))?;
+            Ok(answer.to_string())
+        });
+        match answer {
+            Ok(message) => {
+                *pending = Pending::default();
+                done(message)
+            }
+            Err(why) => refused(&why),
+        }
+    }
+}
+
+fn request(ready: &Ready, rectified: bool) -> Result<ScanRequest, Refused> {
+    match (&ready.measurement, &ready.camera) {
+        (Measurement::Cloud(cloud), _) => Ok(cloud::request(cloud, &ready.placement)?),
+        (Measurement::Depth(image), Some(camera)) => {
+            // Of an image, the frame is the camera's, unless another is named.
+            let pose = ready.placement.base_from_sensor.unwrap_or(ready.placement.base_from_frame);
+            Ok(image::request(image, camera, &pose, rectified)?)
+        }
+        (Measurement::Depth(_), None) => {
+            Err(Refused { code: "no_camera_info".to_owned(), message: "no CameraInfo has come".to_owned() })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
