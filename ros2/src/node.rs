@@ -72,14 +72,29 @@ pub fn run(
     ready: impl FnOnce(&str),
 ) -> Result<(), NodeError> {
     config.check()?;
-    let mut node = join(config)?;
+    let (context, mut node) = join(config)?;
     let spinner = node.spinner().map_err(failed("parameter services"))?;
-    thread::spawn(move || block_on(spinner.spin()));
+    let services = thread::spawn(move || block_on(spinner.spin()));
+    let ended = serve(&mut node, config, planner, stop, ready);
+    // Its parameter services first, then the participant that they belong to.
+    drop(node);
+    let _ = services.join();
+    drop(context);
+    ended
+}
+
+fn serve(
+    node: &mut Node,
+    config: &Ros2Config,
+    planner: &dyn Planner,
+    stop: &AtomicBool,
+    ready: impl FnOnce(&str),
+) -> Result<(), NodeError> {
     let inbox = Inbox::new(Duration::from_secs_f64(config.tf_kept_s));
-    let ears = Ears::new(&mut node, config)?;
-    let mouth = Mouth::new(&mut node, config)?;
+    let ears = Ears::new(node, config)?;
+    let mouth = Mouth::new(node, config)?;
     let [mut plan, mut undo, mut reset] =
-        [server(&mut node, config, "plan")?, server(&mut node, config, "undo")?, server(&mut node, config, "reset")?];
+        [server(node, config, "plan")?, server(node, config, "undo")?, server(node, config, "reset")?];
     let mut poll = Poll::new().map_err(failed("polling"))?;
     for (i, server) in [&mut plan, &mut undo, &mut reset].into_iter().enumerate() {
         poll.registry().register(server, Token(i), Interest::READABLE).map_err(failed("polling"))?;
@@ -108,7 +123,7 @@ pub fn run(
             while let Some(id) = next_request(&plan) {
                 busy = true;
                 mouth.status(&desk, "planning", None);
-                let (settings, changes) = parameters::current(&node, config);
+                let (settings, changes) = parameters::current(node, config);
                 let stamp = Time::from_nanoseconds(node.time_now().to_nanos());
                 let header = Header { stamp, frame_id: config.base_frame.clone() };
                 let (response, published) = guarded(|| desk.plan(&settings, &changes, &header, &mut pending));
@@ -137,7 +152,7 @@ pub fn run(
     Ok(())
 }
 
-fn join(config: &Ros2Config) -> Result<Node, NodeError> {
+fn join(config: &Ros2Config) -> Result<(Context, Node), NodeError> {
     let environment = std::env::var("ROS_DOMAIN_ID").ok();
     let domain = config.domain(environment.as_deref())?;
     let mut participant =
@@ -150,7 +165,8 @@ fn join(config: &Ros2Config) -> Result<Node, NodeError> {
     let (namespace, base) = config.node_name();
     let named = NodeName::new(namespace, base).map_err(failed(&config.node))?;
     let options = parameters::declare(NodeOptions::new(), config);
-    context.new_node(named, options).map_err(failed(&config.node))
+    let node = context.new_node(named, options).map_err(failed(&config.node))?;
+    Ok((context, node))
 }
 
 fn server(node: &mut Node, config: &Ros2Config, base: &str) -> Result<TriggerServer, NodeError> {
