@@ -20,10 +20,17 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
+/// Levels of messages. RustDDS warns of every message that is larger than a packet; of its socket's buffer it is worth hearing.
+const LEVELS: [&str; 3] = [
+    "warn,rustdds=error,rustdds::network::udp_listener=warn,ros2_client=error",
+    "info,rustdds=error,rustdds::network::udp_listener=warn,ros2_client=error",
+    "debug,rustdds=warn,ros2_client=info",
+];
+
 /// The program with this command line, its own name first.
 pub fn main(words: impl Iterator<Item = OsString>) -> ExitCode {
     let args = Args::from_command_line(words).unwrap_or_else(|error| error.exit());
-    args.common.start_messages(["warn", "info", "debug"]);
+    args.common.start_messages(LEVELS);
     finish(run(&args))
 }
 

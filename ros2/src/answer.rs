@@ -78,6 +78,3 @@ pub fn report(answer: &Answer, frame: &str, session: &SessionInfo, used: Option<
 fn view_is_last(answer: &Answer) -> bool {
     next(answer).is_none()
 }
-
-#[cfg(test)]
-mod tests;

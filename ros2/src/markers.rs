@@ -93,6 +93,3 @@ fn frustum(candidate: &Candidate, camera: &PinholeCamera, depth: f64) -> Vec<Vec
     });
     (1..5).flat_map(|i| [corners[0], corners[i], corners[i], corners[i % 4 + 1]]).collect()
 }
-
-#[cfg(test)]
-mod tests;

@@ -38,7 +38,7 @@ pub enum TransformError {
     },
     /// The oldest is newer than what is asked for.
     #[error(
-        "the message is {by_s:.3} s older than the oldest transform kept of {child:?} in {parent:?} ({kept_s} s are: ros2.tf_kept_s)"
+        "the message is {by_s:.3} s older than the oldest transform kept of {child:?} in {parent:?} ({kept_s:.0} s are: ros2.tf_kept_s)"
     )]
     TooOld {
         /// The frame.
