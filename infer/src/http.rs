@@ -7,7 +7,6 @@ mod routes;
 
 use crate::request::{Ask, Body};
 use crate::service::{Fingerprint, Held, Key, Method, Patience, Refusal, Reply, Service, reading};
-use anyhow::Context;
 use connections::{Connection, Connections, Place, Taken};
 use formats::program::print_line;
 use http_body_util::Full;
@@ -49,19 +48,8 @@ struct Server {
     stop: watch::Receiver<bool>,
 }
 
-/// [`serve`], its address printed for the program that started this one: port 0 is known then.
-///
-/// # Errors
-/// As [`serve`].
-pub fn serve_and_tell(service: Arc<Service>, address: SocketAddr, stop: &'static AtomicBool) -> anyhow::Result<()> {
-    let tell = |bound| {
-        let _ = print_line(format_args!("listening on http://{bound}"));
-    };
-    serve(service, address, stop, tell).with_context(|| format!("--http {address}"))
-}
-
-/// Answers until `stop` is set; then what runs is answered, as far as it takes no longer than `service.stop_ms`. `ready` is
-/// called with the bound address.
+/// Answers until `stop` is set; then what runs is answered, as far as it takes no longer than `service.stop_ms`, that which others
+/// are `busy` with too. The bound address is printed for the program that started this one: port 0 is known then.
 ///
 /// # Errors
 /// The address is not loopback or cannot be bound.
@@ -69,7 +57,7 @@ pub fn serve(
     service: Arc<Service>,
     address: SocketAddr,
     stop: &'static AtomicBool,
-    ready: impl FnOnce(SocketAddr),
+    busy: impl Fn() -> bool,
 ) -> std::io::Result<()> {
     if !address.ip().is_loopback() {
         let message =
@@ -88,7 +76,7 @@ pub fn serve(
     let server = Arc::new(Server { service, cores, connections: Arc::default(), stop: told_stop });
     runtime.block_on(async {
         let listener = TcpListener::bind(address).await?;
-        ready(listener.local_addr()?);
+        let _ = print_line(format_args!("listening on http://{}", listener.local_addr()?));
         let stopping = server.service.stopping.clone();
         tokio::spawn(async move {
             while !stop.load(Ordering::SeqCst) {
@@ -100,13 +88,13 @@ pub fn serve(
         });
         accept(listener, &server).await;
         let end = Instant::now() + Duration::from_millis(server.service.limits().stop_ms);
-        while server.connections.count() > 0 && Instant::now() < end {
+        while (server.connections.count() > 0 || busy()) && Instant::now() < end {
             sleep(LOOK / 10).await;
         }
         // What is left ends at its next look at the clock, and is told so.
         server.service.halted.set();
         let end = Instant::now() + Duration::from_secs(2);
-        while server.connections.count() > 0 && Instant::now() < end {
+        while (server.connections.count() > 0 || busy()) && Instant::now() < end {
             sleep(LOOK / 10).await;
         }
         Ok::<(), std::io::Error>(())

@@ -39,9 +39,6 @@ impl Planner for First {
             Ask::Export => Method::Export,
         };
         let session = self.entry()?.name();
-        if self.0.stopping.is_set() {
-            return Err(told(Refusal::stopping()));
-        }
         let reply = direct::answer(&self.0, method, Some(&session), Body::Whole(body), None).map_err(told)?;
         Ok(reply.body.to_vec())
     }
@@ -74,7 +71,8 @@ pub fn serve(
             ended
         });
         let served = match http {
-            Some(address) => http::serve_and_tell(Arc::clone(service), address, stop),
+            Some(address) => http::serve(Arc::clone(service), address, stop, || !node.is_finished())
+                .with_context(|| format!("--http {address}")),
             None => {
                 wait(service, stop, || node.is_finished());
                 Ok(())

@@ -292,7 +292,7 @@ fn serve(service: Service, node: Option<&Ros2Config>, args: &Args) -> Result<()>
         );
     }
     match args.http {
-        Some(address) => http::serve_and_tell(service, address, stop),
+        Some(address) => http::serve(service, address, stop, || false).with_context(|| format!("--http {address}")),
         None => {
             let input = std::io::BufReader::new(std::io::stdin());
             lines::serve(&service, input, std::io::stdout().lock(), stop).context("stdin and stdout")

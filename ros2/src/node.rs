@@ -114,13 +114,17 @@ fn serve(
         let (mut pending, mut events) = (Pending::default(), Events::with_capacity(8));
         let mut told = Instant::now();
         mouth.status(&desk, "ready", None);
-        while !stop.load(Ordering::SeqCst) {
+        // Asked to stop, what runs is answered, and nothing new is begun.
+        let goes_on = || !stop.load(Ordering::SeqCst);
+        while goes_on() {
             if let Err(error) = poll.poll(&mut events, Some(LOOK)) {
                 // A signal.
                 tracing::debug!("polling: {error}");
             }
             let mut busy = false;
-            while let Some(id) = next_request(&plan) {
+            while goes_on()
+                && let Some(id) = next_request(&plan)
+            {
                 busy = true;
                 mouth.status(&desk, "planning", None);
                 let (settings, changes) = parameters::current(node, config);
@@ -135,7 +139,9 @@ fn serve(
                 answer(&plan, id, response);
             }
             for (server, ask, what) in [(&undo, Ask::Undo, "undo"), (&reset, Ask::Reset, "reset")] {
-                while let Some(id) = next_request(server) {
+                while goes_on()
+                    && let Some(id) = next_request(server)
+                {
                     busy = true;
                     let (response, _) = guarded(|| (desk.take_back(ask, &mut pending), None::<()>));
                     tell(what, &response);
@@ -148,6 +154,8 @@ fn serve(
                 mouth.status(&desk, "ready", None);
             }
         }
+        // What was said last is on its way.
+        thread::sleep(LOOK);
     });
     Ok(())
 }
