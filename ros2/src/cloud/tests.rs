@@ -117,32 +117,33 @@ fn rows_may_be_padded_and_a_single_row_needs_no_step() {
 #[test]
 fn what_is_wrong_is_named() {
     let good = cloud(&["x", "y", "z"], &[&[0.1, 0.2, 0.3], &[0.2, 0.2, 0.3]], 12, 1);
-    let refused = |change: &dyn Fn(&mut PointCloud2)| {
+    type Change = fn(&mut PointCloud2);
+    let refused = |change: Change| {
         let mut cloud = good.clone();
         change(&mut cloud);
         request(&cloud, &placement()).expect_err("refused").to_string()
     };
-    let cases: [(&dyn Fn(&mut PointCloud2), &str); 11] = [
-        (&|c| c.is_bigendian = true, "is_bigendian: found true"),
+    let cases: [(Change, &str); 11] = [
+        (|c| c.is_bigendian = true, "is_bigendian: found true"),
         (
-            &|c| c.fields[2].name = "depth".to_owned(),
+            |c| c.fields[2].name = "depth".to_owned(),
             r#"fields: found ["x", "y", "depth"], expected x, y and z among them"#,
         ),
-        (&|c| c.fields[1].datatype = 4, "field y: found uint16, expected float32 or float64"),
-        (&|c| c.fields[1].datatype = 77, "field y: found type 77"),
-        (&|c| c.fields[1].count = 3, "field y: found 3 numbers"),
-        (&|c| c.fields[2].offset = 9, "field z: found offset 9 in points of 12 bytes"),
-        (&|c| c.fields[2].offset = u32::MAX, "field z: found offset 4294967295"),
-        (&|c| c.fields.push(c.fields[0].clone()), "field x: found it twice"),
-        (&|c| c.width = 0, "width and height: found 0 x 1"),
-        (&|c| (c.height, c.row_step) = (2, 20), "row_step: found 20 bytes for 2 points of 12"),
-        (&|c| (c.width, c.height, c.row_step) = (u32::MAX, u32::MAX, u32::MAX), "row_step: found 4294967295 bytes"),
+        (|c| c.fields[1].datatype = 4, "field y: found uint16, expected float32 or float64"),
+        (|c| c.fields[1].datatype = 77, "field y: found type 77"),
+        (|c| c.fields[1].count = 3, "field y: found 3 numbers"),
+        (|c| c.fields[2].offset = 9, "field z: found offset 9 in points of 12 bytes"),
+        (|c| c.fields[2].offset = u32::MAX, "field z: found offset 4294967295"),
+        (|c| c.fields.push(c.fields[0].clone()), "field x: found it twice"),
+        (|c| c.width = 0, "width and height: found 0 x 1"),
+        (|c| (c.height, c.row_step) = (2, 20), "row_step: found 20 bytes for 2 points of 12"),
+        (|c| (c.width, c.height, c.row_step) = (u32::MAX, u32::MAX, u32::MAX), "row_step: found 4294967295 bytes"),
     ];
     for (change, expected) in cases {
         let said = refused(change);
         assert!(said.starts_with("PointCloud2: ") && said.contains(expected), "{said}: expected {expected}");
     }
-    let said = refused(&|c| c.data.0.truncate(23));
+    let said = refused(|c| c.data.0.truncate(23));
     assert_eq!(said, "PointCloud2: data: found 23 bytes for 2 x 1 points of 12, expected row_step times height");
 }
 

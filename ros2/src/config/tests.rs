@@ -27,7 +27,8 @@ fn the_domain_is_the_setting_then_the_environment_then_0() {
 
 #[test]
 fn what_no_node_can_do_is_refused_by_key() {
-    let cases: [(fn(&mut Ros2Config), &str); 8] = [
+    type Change = fn(&mut Ros2Config);
+    let cases: [(Change, &str); 8] = [
         (|c| c.base_frame.clear(), "ros2.base_frame"),
         (|c| c.node = "nbv".to_owned(), "ros2.node"),
         (|c| c.cloud_topic = "/1st/points".to_owned(), "ros2.cloud_topic"),
