@@ -1,5 +1,5 @@
 //! The network on a GPU chooses what it chooses on the CPU: `.ci/gpu`.
-#![cfg(feature = "wgpu")]
+#![cfg(feature = "wgpu-untuned")]
 
 use serde_json::Value;
 use std::path::Path;

@@ -31,6 +31,14 @@ pub enum DeviceError {
         /// What is likely missing.
         driver: &'static str,
     },
+    /// The CPU is asked for, but burn would start a GPU all the same.
+    #[error(
+        "{of}: burn reads a run's moments by way of that device, whatever --device says; set BURN_DEVICE=flex in the environment"
+    )]
+    Default {
+        /// Why the GPU cannot be had.
+        of: Box<DeviceError>,
+    },
 }
 
 /// Every name that [`open`] knows.
@@ -76,6 +84,17 @@ pub fn open(name: &str) -> Result<Device, DeviceError> {
     }
 }
 
+/// Whether burn's default device starts. An optimizer's moments are read by way of it, and it is a GPU wherever one was
+/// compiled in: without its driver burn would panic.
+pub fn check_default() -> Result<(), DeviceError> {
+    if std::env::var_os("BURN_DEVICE").is_some() {
+        return Ok(());
+    }
+    let gpu = ["cuda", "wgpu"].into_iter().find(|name| compiled_in().contains(name));
+    let opened = gpu.map_or(Ok(()), |name| open(name).map(|_| ()));
+    opened.map_err(|of| DeviceError::Default { of: Box::new(of) })
+}
+
 /// Whether the device computes while the program goes on, so that reading a number waits for all before it.
 pub fn works_by_itself(device: &Device) -> bool {
     #[cfg(feature = "ndarray")]
@@ -93,11 +112,15 @@ mod gpu {
     use std::sync::OnceLock;
 
     #[cfg(feature = "wgpu")]
+    const DRIVER: &str =
+        "a Vulkan, Metal or DX12 driver (Debian: libvulkan1, and the card's driver or mesa-vulkan-drivers)";
+
+    #[cfg(feature = "wgpu")]
     pub fn wgpu() -> Result<Device, DeviceError> {
         use burn::tensor::DeviceKind;
         // The runtime can be set up once per process.
         static OPENED: OnceLock<Result<Device, DeviceError>> = OnceLock::new();
-        let fail = |reason| DeviceError::NoDriver { name: "wgpu", reason, driver: "a Vulkan, Metal or DX12 driver" };
+        let fail = |reason| DeviceError::NoDriver { name: "wgpu", reason, driver: DRIVER };
         OPENED
             .get_or_init(|| {
                 // A machine without a GPU may still have a software driver, which only `Cpu` selects.

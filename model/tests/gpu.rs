@@ -1,6 +1,6 @@
 //! CPU and GPU agree. `.ci/gpu`, or
 //!
-//!     cargo test --workspace --features train/wgpu --test gpu -- --nocapture
+//!     cargo test --workspace --features train/wgpu-untuned --test gpu -- --nocapture
 //!
 //! Mesa's software driver (lavapipe) serves. Without any driver the tests skip, saying so; with BENBV_NEEDS_GPU set they fail.
 #![cfg(feature = "wgpu")]

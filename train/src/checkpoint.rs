@@ -160,6 +160,7 @@ pub fn load_into<N: Network>(directory: &Path, learner: Learner<N>) -> Result<Le
     let (weights, path) = record(WEIGHTS)?;
     let net = learner.net.try_load_record(weights).map_err(|e| bad(&path, &e))?;
     let (moments, path) = read(MOMENTS)?;
+    model::device::check_default()?;
     let optimizer = learner.optimizer.from_bytes(moments).map_err(|e| bad(&path, &e))?;
     let average = match learner.average {
         Some(average) => {

@@ -79,6 +79,24 @@ pub enum TrainError {
         /// Share by which gradients may differ, percent.
         gradient: f64,
     },
+    /// A GPU gave up in a step; burn says so by a panic.
+    #[error(
+        "device `{device}` failed in a step: {reason}. If its memory is too small, a larger `accumulation` (now {accumulation}) \
+         computes a batch in more parts (batch norm sees a part at a time), and a smaller `batch` (now {batch}) takes less; \
+         what was learnt up to the last save is in {checkpoint:?}"
+    )]
+    DeviceFailed {
+        /// Its name.
+        device: String,
+        /// The panic's message.
+        reason: String,
+        /// The setting.
+        accumulation: usize,
+        /// The setting.
+        batch: usize,
+        /// Where the last save is.
+        checkpoint: PathBuf,
+    },
     /// Loss or gradient were not finite for too many steps in a row.
     #[error(
         "loss or gradient was not finite in {steps} steps in a row (last at step {step}); the last good state is in \

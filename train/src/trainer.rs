@@ -16,6 +16,7 @@ use model::checkpoint::Checkpoint;
 use model::device::works_by_itself;
 use model::published::Network;
 use std::collections::BTreeMap;
+use std::panic::AssertUnwindSafe;
 use std::path::Path;
 use std::time::Instant;
 
@@ -201,9 +202,10 @@ fn train_epoch<T: Task>(
                     watch.message(step, text)?;
                 }
                 rate = schedule.rate(step, state.epoch);
-                group.push(task, config, device, learner, Work::new::<T>(step, rate, wait_seconds, parts));
+                let work = Work::new::<T>(step, rate, wait_seconds, parts);
+                attempt(config, &latest, || group.push(task, config, device, learner, work))?;
             }
-            let done = group.finish(task, config, device, learner);
+            let done = attempt(config, &latest, || group.finish(task, config, device, learner))?;
             let seconds = began.elapsed().as_secs_f64() / done.len().max(1) as f64;
             for (work, step) in done {
                 note(state, watch, &work, step, seconds, &latest)?;
@@ -222,6 +224,22 @@ fn train_epoch<T: Task>(
             }
         }
         Ok(Some(rate))
+    })
+}
+
+/// Runs what a GPU may fail in.
+fn attempt<R>(config: &TrainConfig, latest: &Path, step: impl FnOnce() -> R) -> Result<R, TrainError> {
+    // Nothing that was caught in the middle of a step is used again.
+    std::panic::catch_unwind(AssertUnwindSafe(step)).map_err(|panic| {
+        let text = panic.downcast_ref::<String>().cloned();
+        let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| text.to_string()));
+        TrainError::DeviceFailed {
+            device: config.device.clone(),
+            reason: text.unwrap_or_else(|| "no reason given".into()),
+            accumulation: config.accumulation,
+            batch: config.batch,
+            checkpoint: latest.to_path_buf(),
+        }
     })
 }
 
@@ -296,4 +314,23 @@ fn run_episodes<T: Task>(
         views_to_90: e.views_to_90,
         seconds: began.elapsed().as_secs_f64(),
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_that_fails_is_an_error_that_names_the_settings() {
+        let config = TrainConfig { device: "wgpu".into(), accumulation: 2, ..TrainConfig::default() };
+        let failed =
+            attempt::<()>(&config, Path::new("run/latest"), || panic!("can't allocate buffer of {} bytes", 1u64 << 31));
+        let text = failed.expect_err("it panicked").to_string();
+        for part in
+            ["`wgpu` failed", "buffer of 2147483648 bytes", "`accumulation` (now 2)", "`batch` (now 128)", "run/latest"]
+        {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        assert_eq!(attempt(&config, Path::new("run/latest"), || 3).expect("no panic"), 3);
+    }
 }

@@ -1,9 +1,9 @@
 //! Training on a GPU: `.ci/gpu`, or
 //!
-//!     cargo test --workspace --features train/wgpu --test gpu -- --nocapture
+//!     cargo test --workspace --features train/wgpu-untuned --test gpu -- --nocapture
 //!
 //! Mesa's software driver (lavapipe) serves. Without any driver the tests skip, saying so; with BENBV_NEEDS_GPU set they fail.
-#![cfg(feature = "wgpu")]
+#![cfg(feature = "wgpu-untuned")]
 #![allow(missing_docs)]
 
 mod common;

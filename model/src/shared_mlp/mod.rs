@@ -1,6 +1,6 @@
 //! The shared MLP over points with batch norm, ReLU and the maximum over points, as one operation with a backward
-//! pass of its own on burn's CPU backend; plain layers everywhere else (another device, gradient checkpointing,
-//! points that want a gradient).
+//! pass of its own: in plain f32 on burn's CPU backend, in tensor operations on a GPU ([`tensors`]). Plain layers everywhere else
+//! (gradient checkpointing, points that want a gradient).
 //!
 //! Why: plain layers write and read [B*N, C] several times per layer, 0.5 GB for the widest at B = 32, N = 4096.
 //! Here the widest layer is never stored, batch norm is folded into its neighbours, and the last layer's backward
@@ -10,6 +10,8 @@ mod backward;
 mod forward;
 mod rows;
 mod statistics;
+#[cfg(any(feature = "wgpu", feature = "cuda", test))]
+mod tensors;
 
 use crate::blocks::{self, LinearBn};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::NoCheckpointing};
@@ -32,12 +34,13 @@ pub fn shared_mlp_max(layers: &[LinearBn], points: Tensor<3>) -> Tensor<2> {
         && (1..=MOST_LAYERS).contains(&layers.len())
         && samples * n < 1 << 32;
     let plain = |points| blocks::shared_mlp_max(layers, points);
-    let Some(input) = points.clone().try_into_primitive::<Flex>().ok().filter(|_| fits) else {
-        return plain(points);
-    };
     let training = layers.iter().all(|(_, bn)| bn.gamma.device().is_autodiff() && bn.training.is_enabled());
     let frozen =
         layers.iter().all(|(linear, bn)| !linear.weight.device().is_autodiff() && !bn.gamma.device().is_autodiff());
+    let Some(input) = points.clone().try_into_primitive::<Flex>().ok().filter(|_| fits) else {
+        let out = if fits { on_a_gpu(layers, &points, training, frozen) } else { None };
+        return out.unwrap_or_else(|| plain(points));
+    };
     let out = if training {
         train(layers, input.to_contiguous(), samples, n)
     } else if frozen {
@@ -46,6 +49,21 @@ pub fn shared_mlp_max(layers: &[LinearBn], points: Tensor<3>) -> Tensor<2> {
         None // Batch norm frozen in training: rare, and the plain layers know how.
     };
     out.unwrap_or_else(|| plain(points))
+}
+
+#[cfg(any(feature = "wgpu", feature = "cuda"))]
+fn on_a_gpu(layers: &[LinearBn], points: &Tensor<3>, training: bool, frozen: bool) -> Option<Tensor<2>> {
+    if frozen {
+        return Some(tensors::infer(layers, points.clone(), tensors::SLICE_BYTES));
+    }
+    // The points get no gradient; `Cube` is every GPU backend of burn's.
+    let trains = training && !points.device().is_autodiff();
+    if trains { tensors::train::<burn::backend::Cube>(layers, points, tensors::SLICE_BYTES) } else { None }
+}
+
+#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+fn on_a_gpu(_: &[LinearBn], _: &Tensor<3>, _: bool, _: bool) -> Option<Tensor<2>> {
+    None
 }
 
 /// One layer's parameters on the CPU.
