@@ -97,9 +97,12 @@ where
 #[derive(Debug)]
 struct SharedMlpMax;
 
+/// What the backward pass needs of the forward one.
+type Kept = (Vec<Layer>, Saved);
+
 /// Taken by the one backward pass, so that buffers are freed as they are used up.
 #[derive(Clone)]
-struct State(Arc<Mutex<Option<(Vec<Layer>, Saved)>>>);
+struct State(Arc<Mutex<Option<Kept>>>);
 
 impl std::fmt::Debug for State {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
