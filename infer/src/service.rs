@@ -103,11 +103,13 @@ impl Entry {
     }
 
     /// The session's name.
+    #[cfg(feature = "ros2")]
     pub fn name(&self) -> String {
         self.id.to_string()
     }
 
     /// Scans in it.
+    #[cfg(feature = "ros2")]
     pub fn scans(&self) -> usize {
         self.scans.load(Ordering::Relaxed)
     }
