@@ -10,7 +10,7 @@ pub fn norm<M: Module>(net: &M, gradients: &GradientsParams) -> f64 {
     squares(net, gradients).map_or(0.0, |sums| sums.into_data().iter::<f64>().sum::<f64>().sqrt())
 }
 
-/// Sum of the squares of each parameter's gradient, [parameters]; `None` where there is no gradient.
+/// Sum of the squares of each parameter's gradient, shape `[parameters]`; `None` where there is no gradient.
 pub fn squares<M: Module>(net: &M, gradients: &GradientsParams) -> Option<Tensor<1>> {
     struct Squares<'a> {
         gradients: &'a GradientsParams,
@@ -34,7 +34,7 @@ pub fn squares<M: Module>(net: &M, gradients: &GradientsParams) -> Option<Tensor
 pub enum Factor {
     /// A number at hand.
     Number(f64),
-    /// One that is still being computed, [1].
+    /// One that is still being computed, shape `[1]`.
     OnDevice(Tensor<1>),
 }
 
@@ -85,7 +85,7 @@ impl Statistics {
         self.sums().is_none_or(|sums| sums.into_data().iter::<f64>().all(f64::is_finite))
     }
 
-    /// Sum of each, [statistics]: not finite where one of them is not. `None` where there are none.
+    /// Sum of each, shape `[statistics]`: not finite where one of them is not. `None` where there are none.
     pub fn sums(&self) -> Option<Tensor<1>> {
         let sums: Vec<Tensor<1>> = self.0.values().map(|t| t.clone().without_autodiff().sum()).collect();
         (!sums.is_empty()).then(|| Tensor::cat(sums, 0))
