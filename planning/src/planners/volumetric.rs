@@ -19,7 +19,7 @@ use geometry::coverage::overlap_response;
 use geometry::{PinholeCamera, View};
 use grid::VoxelGrid;
 pub use holes::{Allowed, ExpectedPoint, Hole, Unseen};
-use march::Marcher;
+use march::{Leaps, Marcher};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -157,8 +157,8 @@ pub struct VolumetricPlanner {
     config: VolumetricConfig,
     grid: Option<VoxelGrid>,
     carved: Vec<Carved>,
-    /// Whether misses or outlines tell what is free behind the surface, of all scans.
-    carves: bool,
+    /// Through the grid as it was at the last decision.
+    leaps: Option<Leaps>,
     surface: Surface,
 }
 
@@ -181,7 +181,8 @@ impl VolumetricPlanner {
     /// Memory held, bytes.
     pub fn memory(&self) -> usize {
         let silhouettes = self.carved.iter().filter_map(|c| c.silhouette.as_deref()).map(Silhouette::memory);
-        silhouettes.sum::<usize>() + self.grid.as_ref().map_or(0, VoxelGrid::memory)
+        let leaps = self.leaps.as_ref().map_or(0, Leaps::memory);
+        silhouettes.sum::<usize>() + leaps + self.grid.as_ref().map_or(0, VoxelGrid::memory)
     }
 
     fn new_grid(&self, state: &ScanState) -> VoxelGrid {
@@ -213,6 +214,7 @@ impl VolumetricPlanner {
         } else {
             state.given().into_iter().zip(state.given_views.iter().copied()).collect()
         };
+        self.leaps = None;
         let mut grid = self.carved_grid(state);
         if state.budget.is_spent() {
             self.grid = Some(grid);
@@ -226,9 +228,9 @@ impl VolumetricPlanner {
         let missing = surface.expected_m2 / total;
         self.surface = surface;
         let carves = self.carved.iter().all(Carved::carves);
-        self.carves = carves;
         let trust = predict::trust(grid.voxel, state.tolerance);
-        let marcher = Marcher::new(&grid, carves).of_sensor(&state.sensor);
+        let leaps = Leaps::new(&grid, carves);
+        let marcher = Marcher::new(&grid, &leaps, &state.sensor);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
         let look = |(view, pose): &(View, Isometry3<f64>)| {
             if state.budget.is_spent() {
@@ -256,7 +258,7 @@ impl VolumetricPlanner {
             Some(_) => candidates.iter().filter_map(look).collect(),
             None => candidates.par_iter().filter_map(look).collect(),
         };
-        self.grid = Some(grid);
+        (self.grid, self.leaps) = (Some(grid), Some(leaps));
         Forecasts { views, surface }
     }
 

@@ -91,8 +91,10 @@ impl VolumetricPlanner {
 
     /// Which parts of the expected surface a camera sees from each of these poses, as places in the list of their areas (square metres).
     pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<f64>) {
-        let Some(grid) = &self.grid else { return (vec![Vec::new(); poses.len()], Vec::new()) };
-        let marcher = Marcher::new(grid, self.carves).of_sensor(&state.sensor);
+        let (Some(grid), Some(leaps)) = (&self.grid, &self.leaps) else {
+            return (vec![Vec::new(); poses.len()], Vec::new());
+        };
+        let marcher = Marcher::new(grid, leaps, &state.sensor);
         let spots: Vec<Spot> = (0..grid.expected.len()).map(|k| Spot::of(grid, k)).collect();
         let seen = |pose: &Isometry3<f64>| {
             (0..spots.len() as u32).filter(|&k| spots[k as usize].is_seen(&marcher, &state.camera, pose)).collect()
@@ -102,7 +104,7 @@ impl VolumetricPlanner {
 
     /// The holes of the surface as it was at the last decision, from a thousandth of the whole on, largest first.
     pub fn holes(&self, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
-        let Some(grid) = &self.grid else { return Vec::new() };
+        let (Some(grid), Some(leaps)) = (&self.grid, &self.leaps) else { return Vec::new() };
         let total = (self.surface.known_m2 + self.surface.expected_m2).max(f64::MIN_POSITIVE);
         let voxel = grid.voxel * grid.voxel;
         let area = |piece: &Vec<usize>| voxel * piece.iter().map(|&k| grid.expected[k].area()).sum::<f64>();
@@ -111,7 +113,7 @@ impl VolumetricPlanner {
         if pieces.is_empty() {
             return Vec::new();
         }
-        let marcher = Marcher::new(grid, self.carves).of_sensor(&state.sensor);
+        let marcher = Marcher::new(grid, leaps, &state.sensor);
         let describe = |piece: &Vec<usize>| describe(&marcher, state, allowed, piece, self.surface);
         let mut holes: Vec<Hole> = pieces.iter().map(describe).collect();
         holes.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
@@ -222,7 +224,8 @@ impl Spot {
         // No farther back than the grid reaches.
         let near = (distance - 2.0 * grid.side as f32).max(0.0);
         let ray = (to - from) / distance.max(f32::MIN_POSITIVE);
-        (marcher.follow(&from.into(), &ray.into(), near, distance + NEAR), distance)
+        let [hit] = marcher.follow(&from.into(), &[ray.into()], near, distance + NEAR);
+        (hit, distance)
     }
 
     fn is_in_sight(&self, marcher: &Marcher, eye: &Point3<f64>) -> bool {

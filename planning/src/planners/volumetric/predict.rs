@@ -6,6 +6,7 @@ use super::tiles::{TILE, Tiles};
 use geometry::neighbors::Neighborhoods;
 use geometry::{PinholeCamera, PointCloud};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::array::from_fn;
 
 impl VoxelGrid {
     /// Estimates which share of the surface in each surface voxel the cloud covers within the tolerance: from samples
@@ -151,6 +152,19 @@ pub(super) fn bounded_stride(stride: u32, tiles: u32) -> u32 {
     (0..TILE).map(|k| stride << k).find(fits).unwrap_or(stride)
 }
 
+/// Rays that are followed at a time.
+const SIDE_BY_SIDE: usize = 4;
+
+/// What the rays of a view have met.
+#[derive(Default)]
+struct Sums {
+    /// Of [`Forecast::hidden`], `expected`, `known` and `known_behind`.
+    counts: [u32; 4],
+    covered: f32,
+    /// Square voxels.
+    area: Area,
+}
+
 impl Marcher<'_> {
     /// Follows every `stride`-th pixel of every `stride`-th row from a pose (`world_from_camera`); a point covers the surface within `tolerance`,
     /// metres.
@@ -172,49 +186,70 @@ impl Marcher<'_> {
         // In voxels.
         let pitch = (camera.fx * camera.fy).sqrt().recip() as f32;
         let tolerance = (tolerance / self.grid().voxel) as f32;
-        let (mut counts, mut covered, mut area) = ([0u32; 4], 0f32, Area::default());
+        let mut sums = Sums::default();
         for tile in tiles.spans() {
-            for row in (tile.row..(tile.row + TILE).min(camera.height)).step_by(stride as usize) {
+            let along = |from: u32, size: u32| (from..(from + TILE).min(size)).step_by(stride as usize);
+            let mut rays = along(tile.row, camera.height).flat_map(|row| {
                 let base = rotation.column(2) + down * (row as f32 - camera.cy as f32);
-                for column in (tile.column..(tile.column + TILE).min(camera.width)).step_by(stride as usize) {
-                    let ray = base + across * (column as f32 - camera.cx as f32);
-                    let off_axis = ray.norm().recip();
-                    let ray = ray * off_axis;
+                along(tile.column, camera.width).map(move |column| base + across * (column as f32 - camera.cx as f32))
+            });
+            while let Some(first) = rays.next() {
+                let mut together = [first; SIDE_BY_SIDE];
+                let count = 1 + together[1..].iter_mut().zip(&mut rays).map(|(slot, ray)| *slot = ray).count();
+                let off_axis = together.map(|ray| ray.norm().recip());
+                let directions: [[f32; 3]; SIDE_BY_SIDE] = from_fn(|k| (together[k] * off_axis[k]).into());
+                let hits = self.follow(&eye, &directions, tile.near, tile.far);
+                for k in 0..count {
                     // Area across the ray that a pixel sees at this distance.
-                    let across = |at: f32| f64::from((at * pitch).powi(2) * off_axis.powi(3));
-                    match self.follow(&eye, &ray.into(), tile.near, tile.far) {
-                        Hit::Nothing { entered: None } => {}
-                        Hit::Nothing { entered: Some(at) } if !self.measures(at, 1.0) => {}
-                        Hit::Known { at, cosine, .. } if !self.measures(at, cosine) => {}
-                        Hit::Expected { index, at } if !self.measures(at, self.expected_cosine(index, &ray.into())) => {
-                        }
-                        Hit::Nothing { entered: Some(at) } => {
-                            counts[0] += 1;
-                            area.beyond += across(at);
-                        }
-                        Hit::Expected { index, at } => {
-                            counts[0] += 1;
-                            counts[1] += 1;
-                            let cosine = self.expected_cosine(index, &ray.into());
-                            let seen = across(at) / f64::from(cosine);
-                            area.expected += across(at) / f64::from(cosine.max(COARSE));
-                            area.covered += seen * f64::from(covered_share(at * off_axis * pitch, cosine, tolerance));
-                        }
-                        Hit::Known { hidden, voxel, cosine, at } => {
-                            counts[0] += u32::from(hidden);
-                            counts[if hidden { 3 } else { 2 }] += 1;
-                            covered += voxel.covered;
-                            area.known += across(at) / f64::from(cosine.max(GRAZING));
-                            area.beyond += if hidden { across(at) } else { 0.0 };
-                        }
-                    }
+                    let across = |at: f32| f64::from((at * pitch).powi(2) * off_axis[k].powi(3));
+                    let share = |at: f32, cosine| f64::from(covered_share(at * off_axis[k] * pitch, cosine, tolerance));
+                    self.count(&mut sums, &hits[k], &directions[k], across, share);
                 }
             }
         }
         let pixels = (f64::from(TILE) / f64::from(TILE.div_ceil(stride))).powi(2);
-        let [hidden, expected, known, known_behind] = counts.map(|c| f64::from(c) * pixels);
-        let area = area.scaled(pixels * self.grid().voxel.powi(2));
-        Forecast { hidden, expected, known, known_behind, covered: f64::from(covered) * pixels, area }
+        let [hidden, expected, known, known_behind] = sums.counts.map(|c| f64::from(c) * pixels);
+        let area = sums.area.scaled(pixels * self.grid().voxel.powi(2));
+        Forecast { hidden, expected, known, known_behind, covered: f64::from(sums.covered) * pixels, area }
+    }
+
+    /// Counts what a ray has met: `across` is the area across it that a pixel sees at a distance, `share` how much of a surface
+    /// that is met there at an angle of this cosine its points cover.
+    #[inline(always)]
+    fn count(
+        &self,
+        sums: &mut Sums,
+        hit: &Hit,
+        ray: &[f32; 3],
+        across: impl Fn(f32) -> f64,
+        share: impl Fn(f32, f32) -> f64,
+    ) {
+        let Sums { counts, covered, area } = sums;
+        match *hit {
+            Hit::Nothing { entered: None } => {}
+            Hit::Nothing { entered: Some(at) } if !self.measures(at, 1.0) => {}
+            Hit::Known { at, cosine, .. } if !self.measures(at, cosine) => {}
+            Hit::Expected { index, at } if !self.measures(at, self.expected_cosine(index, ray)) => {}
+            Hit::Nothing { entered: Some(at) } => {
+                counts[0] += 1;
+                area.beyond += across(at);
+            }
+            Hit::Expected { index, at } => {
+                counts[0] += 1;
+                counts[1] += 1;
+                let cosine = self.expected_cosine(index, ray);
+                let seen = across(at) / f64::from(cosine);
+                area.expected += across(at) / f64::from(cosine.max(COARSE));
+                area.covered += seen * share(at, cosine);
+            }
+            Hit::Known { hidden, voxel, cosine, at } => {
+                counts[0] += u32::from(hidden);
+                counts[if hidden { 3 } else { 2 }] += 1;
+                *covered += voxel.covered;
+                area.known += across(at) / f64::from(cosine.max(GRAZING));
+                area.beyond += if hidden { across(at) } else { 0.0 };
+            }
+        }
     }
 
     /// Cosine of the angle at which a ray meets the membrane in this voxel.

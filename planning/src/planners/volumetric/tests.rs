@@ -1,7 +1,7 @@
 use super::predict::{Forecast, bounded_stride};
 use super::tiles::{TILE, Tiles};
 use super::*;
-use crate::{NoReturn, Seen};
+use crate::{NoReturn, Seen, SensorConfig};
 use geometry::{DepthImage, NeighborGrid, PointCloud, View, rng};
 
 mod outlines_and_areas;
@@ -148,7 +148,8 @@ fn the_covered_share_of_a_sparse_plane_is_that_of_its_discs() {
 fn a_view_from_the_same_place_overlaps_wholly() {
     let state = ball(NoReturn::Free);
     let grid = prepared(&state);
-    let marcher = Marcher::new(&grid, true);
+    let leaps = Leaps::new(&grid, true);
+    let marcher = Marcher::new(&grid, &leaps, &SensorConfig::default());
     let same = marcher.forecast(&state.camera, &from_z(1.2).world_from_camera(), 2, 0.002);
     let behind = marcher.forecast(&state.camera, &from_z(-1.2).world_from_camera(), 2, 0.002);
     // The expectation is cautious by a sixth.
@@ -202,7 +203,8 @@ fn every_step(grid: &VoxelGrid, camera: &PinholeCamera, view: &View, stride: u32
 fn leaps_and_tiles_change_nothing() {
     let state = ball(NoReturn::Free);
     let grid = prepared(&state);
-    let marcher = Marcher::new(&grid, true);
+    let leaps = Leaps::new(&grid, true);
+    let marcher = Marcher::new(&grid, &leaps, &SensorConfig::default());
     let camera = PinholeCamera::from_fov_y(80, 60, 0.5);
     // From far, from the side, off the axis, and from among the voxels.
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6], [0.1, 0.1, 0.15], [0.02, -0.01, -0.12]] {
@@ -226,7 +228,8 @@ fn leaps_and_tiles_change_nothing() {
 fn where_misses_mean_nothing_the_same_stops_the_rays() {
     let state = ball(NoReturn::Unknown);
     let grid = prepared(&state);
-    let [told, untold] = [true, false].map(|carves| Marcher::new(&grid, carves));
+    let leaps = [true, false].map(|carves| Leaps::new(&grid, carves));
+    let [told, untold] = leaps.each_ref().map(|leaps| Marcher::new(&grid, leaps, &SensorConfig::default()));
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6]] {
         let view = View { target: Point3::new(0.01, 0.02, 0.0), position: at.into() };
         let [a, b] = [&told, &untold].map(|m| m.forecast(&state.camera, &view.world_from_camera(), 4, 0.002));
@@ -317,7 +320,8 @@ fn no_gain_exceeds_what_is_missing() {
 fn a_scene_that_fills_the_image_is_sampled_coarser() {
     let state = ball(NoReturn::Free);
     let grid = prepared(&state);
-    let marcher = Marcher::new(&grid, true);
+    let leaps = Leaps::new(&grid, true);
+    let marcher = Marcher::new(&grid, &leaps, &SensorConfig::default());
     // The ball from near, at two resolutions: the finer one is over the limit.
     let [coarse, fine] = [(320, 240), (1280, 960)].map(|(w, h)| {
         let camera = PinholeCamera::from_fov_y(w, h, 1.0);

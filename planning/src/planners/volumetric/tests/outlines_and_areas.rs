@@ -44,7 +44,8 @@ fn areas_are_those_of_the_ball() {
     let cap = 2.0 * std::f64::consts::PI * 0.08 * 0.08 * (1.0 - 0.08 / 1.2);
     let state = ball(NoReturn::Free);
     let (grid, known_m2) = prepared_with_area(&state);
-    let marcher = Marcher::new(&grid, true);
+    let leaps = Leaps::new(&grid, true);
+    let marcher = Marcher::new(&grid, &leaps, &SensorConfig::default());
     // At the limb its points are too far apart to tell.
     assert!(known_m2 > 0.82 * cap && known_m2 < 1.05 * cap, "measured: {known_m2:.4} m2, true {cap:.4}");
     for camera in [PinholeCamera::default(), PinholeCamera::from_fov_y(640, 480, 0.6)] {
