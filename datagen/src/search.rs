@@ -120,10 +120,9 @@ impl ScoredViews {
             .iter()
             .zip(&self.scores)
             .map(|(candidate, score)| RankedView {
-                view: candidate.view,
-                score: score.score,
                 gain: Some(score.coverage - self.current_coverage),
                 overlap: score.overlap,
+                ..RankedView::scored(candidate.view, score.score)
             })
             .collect();
         ranked.sort_by(|a, b| b.score.total_cmp(&a.score));

@@ -73,7 +73,7 @@ impl Planner for StayPlanner {
     fn rank_views(&mut self, state: &ScanState, _rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let position = Point3::from(state.scans[0].world_from_camera.translation.vector);
         let view = View { target: Point3::origin(), position };
-        Ok(vec![RankedView { view, score: 0.0, gain: None, overlap: None }])
+        Ok(vec![RankedView::scored(view, 0.0)])
     }
 }
 

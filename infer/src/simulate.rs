@@ -161,7 +161,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
 fn ranked(candidate: &Candidate) -> RankedView {
     let view = View { target: Point3::from(candidate.target_m), position: Point3::from(candidate.position_m) };
     let (gain, overlap) = (candidate.expected_gain, candidate.expected_overlap);
-    RankedView { view, score: candidate.score, gain, overlap }
+    RankedView { gain, overlap, ..RankedView::scored(view, candidate.score) }
 }
 
 /// A mesh file, or `procedural:SEED`.

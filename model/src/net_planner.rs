@@ -115,11 +115,8 @@ impl NetPlanner {
             working_distance: state.working_distance,
         };
         let scores = self.score(&observation, rng)?;
-        let mut ranked: Vec<_> = candidates
-            .iter()
-            .zip(scores)
-            .map(|(c, score)| RankedView { view: c.view, score: f64::from(score), gain: None, overlap: None })
-            .collect();
+        let mut ranked: Vec<_> =
+            candidates.iter().zip(scores).map(|(c, score)| RankedView::scored(c.view, f64::from(score))).collect();
         ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
         Ok(ranked)
     }

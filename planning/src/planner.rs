@@ -15,6 +15,15 @@ pub struct RankedView {
     pub gain: Option<f64>,
     /// Expected overlap of the scan with the cloud, where the policy predicts it.
     pub overlap: Option<f64>,
+    /// The overlap to count on where a least one is asked for: `overlap`, unless the policy knows what may lower it.
+    pub cautious_overlap: Option<f64>,
+}
+
+impl RankedView {
+    /// A view of which no more is said than its score.
+    pub fn scored(view: View, score: f64) -> Self {
+        Self { view, score, gain: None, overlap: None, cautious_overlap: None }
+    }
 }
 
 /// A next-best-view policy.
@@ -38,7 +47,7 @@ pub struct RankedView {
 ///         let away = target - nalgebra::Point3::from(last.world_from_camera.translation.vector);
 ///         let position = target + away.normalize() * state.working_distance;
 ///         let view = geometry::View { target, position };
-///         Ok(vec![RankedView { view, score: 1.0, gain: None, overlap: None }])
+///         Ok(vec![RankedView::scored(view, 1.0)])
 ///     }
 /// }
 /// ```

@@ -71,7 +71,7 @@ fn start(scene: &datagen::Scene, key: &EpisodeKey, config: EvaluateConfig) -> Re
             let gone = |_| PlanError::Stopped(Stopped::Cancelled);
             tell.send(Told::Decide(Box::new(now))).map_err(|_| gone(()))?;
             let view = decided.recv().map_err(|_| gone(()))?;
-            Ok(vec![RankedView { view, score: 0.0, gain: None, overlap: None }])
+            Ok(vec![RankedView::scored(view, 0.0)])
         };
         let session = episode_session(&episode, &object.samples);
         let stage = Stage::Simulated { scene: &object.scene, samples: &object.samples };

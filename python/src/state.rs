@@ -177,7 +177,7 @@ pub fn ranking(answer: &Bound<'_, PyAny>, working_distance: f64) -> PyResult<Vec
             return Err(Fault::Value(format!("the score of view {i} is {score}, expected a finite number")).into());
         }
         let pose = pose_of(&format!("view {i}"), &view)?;
-        views.push(RankedView { view: view_of(&pose, working_distance), score, gain: None, overlap: None });
+        views.push(RankedView::scored(view_of(&pose, working_distance), score));
         if views.len() > MOST_VIEWS {
             return Err(Fault::Value(format!("more than {MOST_VIEWS} views")).into());
         }

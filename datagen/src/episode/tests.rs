@@ -14,7 +14,7 @@ impl Planner for Fixed {
     }
 
     fn rank_views(&mut self, _: &ScanState, _: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
-        let ranked = |&view: &View| RankedView { view, score: 0.0, gain: None, overlap: None };
+        let ranked = |&view: &View| RankedView::scored(view, 0.0);
         Ok(self.0.iter().map(ranked).collect())
     }
 }
@@ -168,7 +168,7 @@ fn a_recording_is_scanned_once_each_and_covered_by_all() {
         let foreign = View { target: Point3::origin(), position: Point3::new(0.0, 0.0, 2.0) };
         let decide = |_: &mut Session, _: &Progress, _: &mut ChaCha8Rng| {
             let all = [foreign].into_iter().chain(views.iter().copied());
-            Ok(all.map(|view| RankedView { view, score: 0.0, gain: None, overlap: None }).collect())
+            Ok(all.map(|view| RankedView::scored(view, 0.0)).collect())
         };
         run_session(stage, session, &config, &mut stream(1, "recorded"), decide).unwrap()
     };

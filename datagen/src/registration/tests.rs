@@ -85,7 +85,7 @@ impl Planner for Round {
         let last = state.scans.last().expect("a scan").world_from_camera.translation.vector;
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 25f64.to_radians()) * last;
         let view = View { target: Point3::origin(), position: Point3::from(turned) };
-        Ok(vec![RankedView { view, score: 0.0, gain: None, overlap: None }])
+        Ok(vec![RankedView::scored(view, 0.0)])
     }
 }
 

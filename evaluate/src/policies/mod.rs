@@ -16,8 +16,7 @@ pub mod see;
 pub mod sphere;
 pub mod table;
 
-use geometry::View;
-use planning::{Planner, RankedView, ScanState};
+use planning::{Planner, ScanState};
 
 pub use build::{PolicyContext, PolicyError, check, make, weights_of};
 pub use name::{NameError, PAPER_POLICIES, POLICIES, Policy, RECORDED_POLICIES};
@@ -45,11 +44,6 @@ impl Radius {
             Radius::Fixed(r) => r,
         }
     }
-}
-
-/// A view without a prediction.
-pub(crate) fn ranked(view: View, score: f64) -> RankedView {
-    RankedView { view, score, gain: None, overlap: None }
 }
 
 /// A policy ready to run.

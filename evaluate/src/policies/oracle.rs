@@ -1,8 +1,8 @@
 //! Yardsticks: greedy choices that know the true surface. No policy may use them; they show what a decision could
 //! have brought.
 
+use super::Radius;
 use super::sphere::view_at;
-use super::{Radius, ranked};
 use datagen::{Scene, SearchConfig, score_views};
 use geometry::View;
 use nalgebra::{Point3, Vector3};
@@ -69,7 +69,7 @@ impl Planner for OraclePlanner<'_> {
             .zip(&scores)
             .map(|(view, s)| {
                 let gain = s.coverage - current;
-                RankedView { gain: Some(gain), overlap: s.overlap, ..ranked(*view, gain) }
+                RankedView { gain: Some(gain), overlap: s.overlap, ..RankedView::scored(*view, gain) }
             })
             .collect();
         let overlaps = |r: &RankedView| r.overlap.unwrap_or(0.0) >= self.min_overlap;

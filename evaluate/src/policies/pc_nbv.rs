@@ -1,7 +1,7 @@
 //! PC-NBV over its 33 views: the one of which the network expects the most new surface (pc-nbv.md, section 6).
 
+use super::Radius;
 use super::sphere::{nearest_direction, pc_nbv_33, view_at};
-use super::{Radius, ranked};
 use model::pc_nbv::VIEWS;
 use model::pc_nbv_model::PcNbvModel;
 use nalgebra::{Point3, Vector3};
@@ -68,7 +68,7 @@ impl Planner for PcNbvPlanner {
             .filter(|&i| self.published || self.state[i] == 0.0)
             .map(|i| {
                 let gain = f64::from(gains[i]);
-                RankedView { gain: Some(gain), ..ranked(view_at(&self.directions[i], radius), gain) }
+                RankedView { gain: Some(gain), ..RankedView::scored(view_at(&self.directions[i], radius), gain) }
             })
             .collect();
         views.sort_by(|a, b| b.score.total_cmp(&a.score));

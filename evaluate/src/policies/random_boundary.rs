@@ -1,6 +1,5 @@
 //! Random Boundary: one of BENBV's candidate views, at random (baselines.md, section 4).
 
-use super::ranked;
 use planning::planner::checked;
 use planning::{CandidateConfig, PlanError, Planner, RankedView, ScanState, candidate_views};
 use rand::seq::SliceRandom;
@@ -27,7 +26,7 @@ impl Planner for RandomBoundaryPlanner {
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let mut candidates = candidate_views(&state.cloud, state.working_distance, &self.candidates, rng);
         candidates.shuffle(rng);
-        let views = candidates.into_iter().map(|c| ranked(c.view, 0.0)).collect();
+        let views = candidates.into_iter().map(|c| RankedView::scored(c.view, 0.0)).collect();
         checked("random-boundary", views, PlanError::NoBoundary)
     }
 }

@@ -1,6 +1,5 @@
 //! Random Sphere: whole degrees drawn anew for every view (baselines.md, section 5).
 
-use super::ranked;
 use super::sphere::{direction_deg, view_at};
 use planning::{PlanError, Planner, RankedView, ScanState};
 use rand::RngExt;
@@ -32,7 +31,7 @@ impl Planner for RandomSpherePlanner {
         let views = (0..DRAWS)
             .map(|_| {
                 let (polar, azimuth) = (rng.random_range(0..180), rng.random_range(0..360));
-                ranked(view_at(&direction_deg(f64::from(polar), f64::from(azimuth)), radius), 0.0)
+                RankedView::scored(view_at(&direction_deg(f64::from(polar), f64::from(azimuth)), radius), 0.0)
             })
             .collect();
         Ok(views)

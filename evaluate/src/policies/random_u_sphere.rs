@@ -1,8 +1,8 @@
 //! Random views of a fixed set around the object, each once: Random U-Sphere over a latitude-longitude grid
 //! (baselines.md, section 6), Random-33 over PC-NBV's views.
 
+use super::Radius;
 use super::sphere::{nearest_direction, view_at};
-use super::{Radius, ranked};
 use nalgebra::{Point3, Vector3};
 use planning::planner::checked;
 use planning::{PlanError, Planner, RankedView, ScanState};
@@ -43,7 +43,7 @@ impl Planner for RandomSetPlanner {
         let mut unused: Vec<usize> = (0..self.directions.len()).filter(|&i| !self.used[i]).collect();
         unused.shuffle(rng);
         let radius = self.radius.metres(state);
-        let views = unused.into_iter().map(|i| ranked(view_at(&self.directions[i], radius), 0.0)).collect();
+        let views = unused.into_iter().map(|i| RankedView::scored(view_at(&self.directions[i], radius), 0.0)).collect();
         checked(&self.name, views, PlanError::no_view(&self.name, "every view of the set was used"))
     }
 

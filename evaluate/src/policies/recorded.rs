@@ -108,7 +108,7 @@ pub fn replay(
         let ranked = allowed.filter_map(|c| {
             let scan = c.given.filter(|&i| left.scans[i])?;
             let (gain, overlap) = (c.expected_gain, c.expected_overlap);
-            Some(RankedView { view: recording.views()[scan], score: c.score, gain, overlap })
+            Some(RankedView { gain, overlap, ..RankedView::scored(recording.views()[scan], c.score) })
         });
         let ranked: Vec<RankedView> = ranked.collect();
         let (gain, most) = (ranked.first().and_then(|r| r.gain), answer.stop.expected_gain);
@@ -137,7 +137,7 @@ impl Left<'_> {
     fn ranked(&self, scans: impl Iterator<Item = (usize, f64)>) -> Vec<RankedView> {
         let views = self.recording.views();
         let left = scans.filter(|(i, _)| self.scans[*i]);
-        left.map(|(i, score)| RankedView { view: views[i], score, gain: None, overlap: None }).collect()
+        left.map(|(i, score)| RankedView::scored(views[i], score)).collect()
     }
 
     fn shuffled(&self, rng: &mut ChaCha8Rng) -> Vec<RankedView> {

@@ -84,7 +84,7 @@ impl Planner for FarthestPlanner {
             nearest.clamp(-1.0, 1.0).acos() / std::f64::consts::PI
         };
         let mut ranked: Vec<RankedView> =
-            views.into_iter().map(|view| RankedView { view, score: angle(&view), gain: None, overlap: None }).collect();
+            views.into_iter().map(|view| RankedView::scored(view, angle(&view))).collect();
         ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
         checked(&self.name, ranked, PlanError::NoBoundary)
     }

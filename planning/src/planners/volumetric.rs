@@ -98,6 +98,8 @@ pub struct ViewForecast {
     pub overlap: Option<f64>,
     /// The overlap to tell: the share of its scan that shows surface which was measured already, however densely.
     pub reported_overlap: Option<f64>,
+    /// The same if some of what is beyond turns out to be surface: wings and legs that nothing told of.
+    pub cautious_overlap: Option<f64>,
     /// Angle at the target between the view and the nearest past camera, in half turns.
     pub novelty: f64,
     /// Measured surface in its image, square metres.
@@ -247,6 +249,7 @@ impl VolumetricPlanner {
                 reported_gain: (area.expected / total).min(missing),
                 overlap: seen.overlap(trust),
                 reported_overlap: seen.seen_again(trust),
+                cautious_overlap: seen.seen_again_at_least(trust, carves),
                 novelty: novelty(view, &state.scans),
                 known_m2: area.known,
                 expected_m2: area.expected,
@@ -276,14 +279,15 @@ impl VolumetricPlanner {
         };
         let ranked = |f: &ViewForecast| {
             let score = if self.config.gain_only { f.gain } else { score(f) };
-            RankedView { view: f.view, score, gain: Some(f.reported_gain), overlap: f.reported_overlap }
+            let (gain, overlap) = (Some(f.reported_gain), f.reported_overlap);
+            RankedView { gain, overlap, cautious_overlap: f.cautious_overlap, ..RankedView::scored(f.view, score) }
         };
         let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
         let least = match self.config.min_overlap {
             none if none <= 0.0 => 0.0,
             asked => asked + margin(self.carved.len()),
         };
-        let low = |r: &RankedView| r.overlap.unwrap_or(0.0) < least;
+        let low = |r: &RankedView| r.cautious_overlap.unwrap_or(0.0) < least;
         ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));
         ranked
     }

@@ -114,11 +114,12 @@ impl Cell<'_> {
             let needs_overlap = self.limits.min_overlap > 0.0 || demand.is_some_and(Demand::needs_overlap);
             let overlap =
                 ranked.overlap.or_else(|| needs_overlap.then(|| overlap::estimate(self.state, view, usual_scan)));
-            let least = overlap.map(|o| o - overlap::margin(self.scans));
+            let [least, cautious] =
+                [overlap, ranked.cautious_overlap.or(overlap)].map(|o| o.map(|o| o - overlap::margin(self.scans)));
             let registration = self.demand.as_ref().map(|(demand, frame)| demand.predict(self.state, view, frame));
             let given = given.iter().position(|g| g == view);
             let pose = self.pose(view, given);
-            let mut placed = self.place(view, &pose, least, given);
+            let mut placed = self.place(view, &pose, cautious, given);
             if self.scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
                 placed.objections = vec![Objection::scanned()];
             } else {

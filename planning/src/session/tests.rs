@@ -94,13 +94,14 @@ fn a_least_overlap_is_asked_of_what_is_expected_less_what_it_may_be_missed_by() 
     let mut all: Vec<f64> = told(&config).iter().map(|(overlap, _)| *overlap).collect();
     all.sort_by(f64::total_cmp);
     let middle = all[all.len() / 2];
-    config.constraints.min_overlap = middle - 0.05;
-    for (overlap, allowed) in told(&config) {
-        assert_eq!(
-            allowed,
-            overlap - 0.1 >= middle - 0.05,
-            "{overlap} expected after one scan, {middle} in the middle"
-        );
+    config.constraints.min_overlap = middle - 0.1;
+    let judged = told(&config);
+    assert!(judged.iter().any(|(_, allowed)| *allowed) && judged.iter().any(|(_, allowed)| !allowed), "{judged:?}");
+    for (overlap, allowed) in judged {
+        // What is beyond may lower it further.
+        let least = overlap - 0.1 - (middle - 0.1);
+        let fits = if allowed { least >= 0.0 } else { least < 0.1 };
+        assert!(fits, "{overlap} expected after one scan, {middle} in the middle, allowed: {allowed}");
     }
 }
 

@@ -106,7 +106,7 @@ fn rebuilt(view: &View, working_distance: f64) -> View {
 }
 
 fn ranked(view: View, sees: usize) -> RankedView {
-    RankedView { view, score: (sees + 1) as f64, gain: None, overlap: None }
+    RankedView::scored(view, (sees + 1) as f64)
 }
 
 /// World points of a scan.

@@ -357,3 +357,24 @@ fn every_tile_shows_a_block_around_the_eye() {
     assert!(ahead > 0 && ahead < 20, "{ahead} tiles");
     assert_eq!(Tiles::new(&camera, &[6.0, 6.0, 30.0], &nalgebra::Matrix3::identity(), &[[4, 4, 4]]).spans().count(), 0);
 }
+
+#[test]
+fn a_least_overlap_reckons_with_surface_that_nothing_told_of() {
+    let forecast = Forecast { hidden: 140.0, expected: 40.0, known: 60.0, ..Forecast::default() };
+    assert_eq!(forecast.seen_again(1.0), Some(0.6));
+    // A tenth of the 100 pixels that meet nothing in unknown space.
+    let cautious = forecast.seen_again_at_least(1.0, true).unwrap();
+    assert!((cautious - 60.0 / 110.0).abs() < 1e-12, "{cautious}");
+    assert_eq!(forecast.seen_again_at_least(1.0, false), Some(0.6), "unknown space is everywhere there");
+    assert_eq!(Forecast::default().seen_again_at_least(1.0, true), None);
+
+    let mut planner = VolumetricPlanner::new(VolumetricConfig { min_overlap: 0.3, ..Default::default() });
+    let state = ball(NoReturn::Free);
+    let mut forecasts = planner.forecast(&state, &mut rng::stream(1, "cautious"));
+    let first = planner.rank(&forecasts)[0];
+    let (counted, told) = (first.cautious_overlap.unwrap(), first.overlap.unwrap());
+    assert!(counted >= 0.4 && counted < told, "{counted} of {told}");
+    // The same view, once more surface may turn up.
+    forecasts.views.iter_mut().filter(|f| f.view == first.view).for_each(|f| f.cautious_overlap = Some(0.39));
+    assert_ne!(planner.rank(&forecasts)[0].view, first.view);
+}
