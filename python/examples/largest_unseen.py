@@ -1,4 +1,4 @@
-"""A policy of one's own in the tables: look from the direction that is farthest from all past cameras."""
+"""A custom policy in the tables: look from the direction that is farthest from all past cameras."""
 
 import numpy as np
 
