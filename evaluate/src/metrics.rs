@@ -1,4 +1,4 @@
-//! The paper's figures of merit, per episode and over many (method, 'Metrics'; baselines.md, section 7).
+//! The paper's figures of merit, per episode and over many (method, 'Metrics').
 
 use crate::record::EpisodeRecord;
 use geometry::metrics::{overlap_variation, views_to};
@@ -149,7 +149,7 @@ impl<'a> Runs<'a> {
     }
 
     /// Per object the coefficient of variation of its overlap list averaged over episodes (next views 1 to 3, percent),
-    /// then the mean over objects: fits some rows of the paper (baselines.md, section 7).
+    /// then the mean over objects: fits some rows of the paper.
     pub fn cv_of_mean_list(&self) -> Option<f64> {
         let columns = [1, 2, 3].map(|n| self.column(Figure::Overlap(n), 0));
         let per_object = (0..self.by_object.len()).filter_map(|i| {

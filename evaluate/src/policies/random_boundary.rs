@@ -1,4 +1,4 @@
-//! Random Boundary: one of BENBV's candidate views, at random (baselines.md, section 4).
+//! Random Boundary: one of BENBV's candidate views, at random.
 
 use planning::planner::checked;
 use planning::{CandidateConfig, PlanError, Planner, RankedView, ScanState, candidate_views};

@@ -1,4 +1,4 @@
-//! Random Sphere: whole degrees drawn anew for every view (baselines.md, section 5).
+//! Random Sphere: whole degrees drawn anew for every view.
 
 use super::sphere::{direction_deg, view_at};
 use planning::{PlanError, Planner, RankedView, ScanState};

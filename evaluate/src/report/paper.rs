@@ -17,7 +17,7 @@ const PAPER: [(&str, [f64; 6]); 7] = [
     ("benbv-net", [94.44, 18.42, 0.11, 5.65, 10.64, 8.87]),
 ];
 
-/// SEE in an independent prototype of the paper's mode, 8 objects (baselines.md, section 8): final coverage, views to
+/// SEE in an independent prototype of the paper's mode, 8 objects: final coverage, views to
 /// 50, 80 and 90 %, overlaps 1 to 3, Chamfer, Hausdorff. Stands beside `see:paper`.
 const SEE_PROTOTYPE: [f64; 9] = [74.9, 4.39, 12.72, 16.28, 10.7, 37.5, 51.9, 0.53, 12.9];
 
