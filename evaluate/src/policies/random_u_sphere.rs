@@ -1,5 +1,5 @@
-//! Random views of a fixed set around the object, each once: Random U-Sphere over a latitude-longitude grid
-//!, Random-33 over PC-NBV's views.
+//! Random views of a fixed set around the object, each once: Random U-Sphere over a latitude-longitude grid,
+//! Random-33 over PC-NBV's views.
 
 use super::Radius;
 use super::sphere::{nearest_direction, view_at};

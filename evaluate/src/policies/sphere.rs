@@ -10,8 +10,7 @@ pub fn direction_deg(polar: f64, azimuth: f64) -> Vector3<f64> {
     Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos())
 }
 
-/// The 40 directions of Random U-Sphere: polar angles 30 to 150 in steps of 30, azimuths in steps of 45 degrees
-///.
+/// The 40 directions of Random U-Sphere: polar angles 30 to 150 in steps of 30, azimuths in steps of 45 degrees.
 pub fn latitude_longitude() -> Vec<Vector3<f64>> {
     (1..=5)
         .flat_map(|ring| (0..8).map(move |sector| direction_deg(30.0 * f64::from(ring), 45.0 * f64::from(sector))))
