@@ -103,6 +103,9 @@ const AXES = [['x', [0.9, 0.25, 0.25]], ['y', [0.2, 0.65, 0.25]], ['z', [0.3, 0.
 function triad(lines) { AXES.forEach(([, color], k) => { const end = [...corner]; end[k] += unitLength; lines.push(...corner, ...color, 1, ...end, ...color, 1); }); }
 function place() {
   if (!view) return;
+  // The frame of the inset, as large as the viewer draws it.
+  const side = `${Math.round(Math.min(0.34 * $('canvas').clientWidth, 0.38 * $('canvas').clientHeight))}px`;
+  $('#inset').style.width = $('#inset').style.height = side;
   const spots = AXES.map(([name], k) => { const p = [...corner]; p[k] += unitLength * 1.13; return [p, k ? name : `${name} ${inUnits(unitLength)}`]; });
   const tip = D.up.map(x => x * 1.45 * radius);
   spots.push([tip, 'up ↑']);

@@ -9,7 +9,7 @@ use std::fmt::Write;
 type Series<'a> = (&'a str, Vec<(f64, f64)>);
 
 /// The page for these records. While the run is active (`total_steps` are to be done) it reloads itself every 20 seconds and
-/// tells how long it will take.
+/// shows the time left.
 pub fn render(title: &str, records: &[Record], total_steps: Option<u64>) -> String {
     let epochs = || records.iter().filter_map(|r| if let Record::Epoch(e) = r { Some(e) } else { None });
     let steps = || records.iter().filter_map(|r| if let Record::Step(s) = r { Some(s) } else { None });
@@ -186,7 +186,7 @@ fn draw(
         .light_line_style(WHITE)
         .x_desc("step")
         .x_label_formatter(&|x| format!("{x:.0}"))
-        .y_label_formatter(&|y| if log { format!("{:.1e}", 10f64.powf(*y)) } else { format!("{y:.4}") })
+        .y_label_formatter(&|y| short(if log { 10f64.powf(*y) } else { *y }))
         .draw()?;
     for (i, (name, curve)) in series.iter().enumerate() {
         // A curve that has a smoothed one beside it stands back.
@@ -202,6 +202,19 @@ fn draw(
         context.configure_series_labels().background_style(WHITE.mix(0.8)).draw()?;
     }
     area.present()
+}
+
+/// A label of an axis with two or three digits: 0.15, 0.063, 1.4, 2.5e-5.
+fn short(value: f64) -> String {
+    let digits = match value.abs() {
+        v if v < 1e-9 => return "0".to_owned(),
+        v if v < 1e-3 => return format!("{value:.1e}"),
+        v if v < 0.1 => 4,
+        v if v < 10.0 => 2,
+        _ => 0,
+    };
+    let text = format!("{value:.digits$}");
+    if digits == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
 /// At most 2,000 points, so that a long run's page stays small: means over equal stretches.
