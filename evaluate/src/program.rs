@@ -49,13 +49,16 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let networks = Networks::new(&config);
     networks.check_device()?;
     let policies = policies(&config, args.preset.is_some(), &networks)?;
-    let stop = program::stop_when_asked("stopping after the episodes in hand; once more to stop at once")?;
+    let stop = program::stop_when_asked("stopping after the current episodes; press again to stop immediately")?;
     let bar = Bar(progress());
     let ended = run::run(&args.out, &policies, &config, &networks, stop, &bar)?;
     bar.0.finish_and_clear();
     match ended {
         Ended::Stopped { done, left } => {
             eprintln!("stopped after {done} episodes, {left} left; the same command resumes from here");
+            if done > 0 {
+                eprintln!("preliminary report: {:?}", args.out.join("report.html"));
+            }
             Ok(ExitCode::from(program::STOPPED))
         }
         Ended::Finished { rows, contents } => summary(args, &rows, &contents).map(|()| ExitCode::SUCCESS),
@@ -105,16 +108,16 @@ impl Watch for Bar {
     }
 
     fn outdated(&self, policy: &str, episodes: usize) {
-        self.0.suspend(|| eprintln!("{policy}: {episodes} episodes were run with other weights, and are run again"));
+        self.0.suspend(|| eprintln!("{policy}: {episodes} episodes were run with other weights and are repeated"));
     }
 
     fn left_out(&self, object: &str, policy: &str) {
-        self.0.suspend(|| eprintln!("{object} lacks what {policy} is to be told: left out"));
+        self.0.suspend(|| eprintln!("{object} lacks the inputs of {policy}: left out"));
     }
 
     fn unseeable(&self, object: &str, share: f64) {
         let percent = 100.0 * share;
-        self.0.suspend(|| eprintln!("{object}: {percent:.1} % of its surface is seen by no camera and does not count"));
+        self.0.suspend(|| eprintln!("{object}: no camera sees {percent:.1} % of its surface, which does not count"));
     }
 
     fn unusable(&self, object: &str, reason: &ObjectError) {

@@ -47,7 +47,7 @@ pub enum ReportError {
 
 /// How a run ended.
 pub enum Ended {
-    /// Interrupted; the same call resumes it.
+    /// Interrupted, with a preliminary report if any episode is done; the same call resumes it.
     Stopped {
         /// Episodes that are done.
         done: usize,
@@ -98,12 +98,16 @@ pub fn run(
     let wanted = |key: &EpisodeKey| names.contains(&key.policy) && key.episode < config.episodes;
     watch.begun(total, contents.keys().iter().filter(|k| wanted(k)).count());
     let outcome = batches::run(&sources, policies, config, networks, &journal, &mut contents, stop, watch)?;
-    if outcome.left > 0 {
-        directory.finish("stopped; the same command resumes")?;
-        return Ok(Ended::Stopped { done: contents.episodes.len(), left: outcome.left });
-    }
     contents.episodes.retain(|(r, _)| wanted(&r.key));
     contents.skipped.retain(|s| wanted(&s.key));
+    if outcome.left > 0 {
+        let done = contents.episodes.len();
+        if done > 0 {
+            report::write(out, &contents, config, &names, &outcome.shown)?;
+        }
+        directory.finish("stopped; the same command resumes")?;
+        return Ok(Ended::Stopped { done, left: outcome.left });
+    }
     if let Err(nothing) = outcome.anything(&contents) {
         directory.finish("nothing could be run")?;
         return Err(nothing.into());

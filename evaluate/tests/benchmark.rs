@@ -309,6 +309,33 @@ fn asked_to_stop_after_the_last_episode_nothing_is_left() {
 }
 
 #[test]
+fn a_stopped_run_reports_what_it_has_and_resumes_to_the_same_bytes() {
+    let mut config = config(2);
+    config.dataset.name = DatasetName::Procedural;
+    config.dataset.objects = Some(2);
+    config.surface_samples = 3_000;
+    config.episode.num_views = 1;
+    let networks = Networks::new(&config);
+    let folders = [tempfile::tempdir().expect("dir"), tempfile::tempdir().expect("dir")];
+    let run = |folder: usize, stop_after: usize| {
+        let stop = AtomicBool::new(false);
+        let watch = StopAfter(stop_after, &stop, AtomicUsize::new(0));
+        evaluate::run::run(folders[folder].path(), &[named("random-33")], &config, &networks, &stop, &watch)
+            .expect("run")
+    };
+    let report = |folder: usize| std::fs::read_to_string(folders[folder].path().join("report.md")).expect("a report");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    let stopped = pool.install(|| run(0, 1));
+    assert!(matches!(stopped, evaluate::run::Ended::Stopped { done: 1, left: 3 }));
+    let preliminary = report(0);
+    assert!(preliminary.starts_with("# Results\n\n1 episodes of 1 policies"), "{preliminary}");
+    run(0, usize::MAX);
+    run(1, usize::MAX);
+    assert_ne!(report(0), preliminary);
+    assert_eq!(report(0), report(1), "the final report does not depend on the stop");
+}
+
+#[test]
 fn a_run_without_any_usable_object_says_why() {
     let meshes = tempfile::tempdir().expect("dir");
     std::fs::write(meshes.path().join("empty.off"), "OFF\n0 0 0\n").expect("written");
