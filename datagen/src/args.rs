@@ -8,15 +8,15 @@ use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
 Examples:
-  datagen                                            a few built-in objects into runs/data/procedural
-  datagen --dataset modelnet40 --per-category 20     meshes under data/modelnet40
-  datagen --dataset folder --root my/meshes --out runs/data/mine --set episode.working_distance_m=0.8
-  datagen verify runs/data/mine                      every byte against checksums, settings and manifest
-  datagen inspect runs/data/mine                     what is inside
+  datagen                                          20 built-in objects, into runs/data/procedural
+  datagen --dataset modelnet40 --per-category 20   meshes under data/modelnet40
+  datagen --dataset folder --root my/meshes --out runs/data/mine --distance 0.8
+  datagen verify runs/data/mine                    check every byte
+  datagen inspect runs/data/mine                   show what is inside
 
 An interrupted run resumes with the same command. ";
 
-/// Scan meshes in simulation and write training shards of boundary-based next-best-view decisions.
+/// Scans meshes in simulation and writes training data: next-best-view decisions of the paper's search
 #[derive(Parser)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -36,7 +36,7 @@ pub enum Command {
     Verify {
         /// Directory of the set
         directory: PathBuf,
-        /// Print the verdict as JSON
+        /// Print the result as JSON
         #[arg(long)]
         json: bool,
     },
@@ -50,7 +50,7 @@ pub enum Command {
     },
     /// Turn the authors' frame histories (.bin) into a set
     Import {
-        /// Files, or directories of files; the name of a file is that of its object
+        /// Files, or directories of files; each object is named after its file
         #[arg(required = true)]
         inputs: Vec<PathBuf>,
         /// Directory of the set
@@ -59,7 +59,7 @@ pub enum Command {
         /// Share of the objects set aside for validation
         #[arg(long, value_name = "SHARE", default_value_t = 0.2, value_parser = share)]
         validation_share: f64,
-        /// Decides which objects are set aside
+        /// Seed that decides which objects are set aside
         #[arg(long, default_value_t = 0, value_parser = seed)]
         seed: u64,
     },
@@ -78,41 +78,40 @@ pub struct RunArgs {
     /// Data set: procedural (built in), modelnet40, shapenet, repository3d or folder
     #[arg(long, value_name = "NAME")]
     pub dataset: Option<String>,
-    /// Where the data set lies [default: data/<NAME>]
+    /// Directory of the data set [default: data/<NAME>]
     #[arg(long, value_name = "DIR")]
     pub root: Option<PathBuf>,
-    /// Where the shards go [default: runs/data/<NAME>, with -test for the test half]
+    /// Output directory [default: runs/data/<NAME>, with -test for the test half]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Which half: train or test
+    /// Half of the data set: train or test [default: train]
     #[arg(long, value_name = "HALF")]
     pub split: Option<String>,
-    /// Take this many objects of each category
+    /// Number of objects from each category
     #[arg(long, value_name = "N")]
     pub per_category: Option<u32>,
-    /// Take exactly the models that this file names, one per line
+    /// Use exactly the models listed in this file, one per line
     #[arg(long, value_name = "FILE")]
     pub list: Option<PathBuf>,
-    /// Take this many objects
+    /// Number of objects [default: all; 20 for procedural]
     #[arg(long, value_name = "N")]
     pub objects: Option<u32>,
-    /// Print the objects that would be taken, and stop
+    /// Print the objects that would be used, and exit
     #[arg(long, conflicts_with_all = ["out", "part", "json"])]
     pub list_objects: bool,
-    /// Next views per object (15)
+    /// Next views per object [default: 15]
     #[arg(long, value_name = "N")]
     pub scans: Option<u32>,
-    /// Boundary targets per decision (20)
+    /// Boundary targets per decision [default: 20]
     #[arg(long, value_name = "N")]
     pub candidates: Option<u32>,
-    /// Distance from target to camera in metres (1.2)
+    /// Distance from target to camera, metres [default: 1.2]
     #[arg(long, value_name = "M", value_parser = length)]
     pub distance: Option<f64>,
-    /// This process's share of the objects, e.g. 0/4 of 0/4 to 3/4; taken by itself from a Slurm array task, or from
-    /// JOB_COMPLETION_INDEX and JOB_COMPLETIONS of a Kubernetes indexed job
+    /// Part of the objects to process, 0/4 to 3/4 for four parts; detected in Slurm arrays and Kubernetes indexed jobs
     #[arg(long, value_name = "I/N")]
     pub part: Option<String>,
-    /// Print the closing summary as JSON
+    /// Print the summary as JSON
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]

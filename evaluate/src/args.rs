@@ -6,47 +6,53 @@ use formats::config::{ConfigError, Flag};
 use formats::program::{CommonArgs, EXIT_CODES, length};
 use std::path::PathBuf;
 
-/// Runs next-best-view policies on simulated objects and reports the paper's metrics with confidence intervals.
-///
-/// A run can be stopped at any moment and resumes with the same command. Example:
-///   evaluate --dataset repository3d --root data/repository3d --policies benbv,see,farthest --out runs/eval/first
+const EXAMPLES: &str = "\
+Examples:
+  evaluate --dataset procedural --objects 2 --episodes 2 --policies auto,farthest
+  evaluate --dataset repository3d --root DIR --policies benbv,see,farthest --out runs/eval/default
+  evaluate --dataset repository3d --root DIR --preset paper --out runs/eval/paper
+  evaluate --compare runs/eval/default runs/eval/paper
+
+An interrupted run resumes with the same command. Policies, metrics and tables: docs/evaluation.md. ";
+
+/// Compares next-best-view policies in simulation and on recorded scans, with confidence intervals
 #[derive(Parser)]
-#[command(version = built::VERSION, verbatim_doc_comment, after_help = EXIT_CODES)]
+#[command(version = built::VERSION, after_help = format!("{EXAMPLES}{EXIT_CODES}"))]
 pub struct Args {
-    /// Set of objects: repository3d, folder, modelnet40, shapenet, procedural, or recorded scans: sequences
-    #[arg(long)]
+    /// Objects: repository3d, folder, modelnet40, shapenet, procedural; or recorded scans: sequences
+    #[arg(long, value_name = "NAME")]
     pub dataset: Option<String>,
     /// Directory of the set [default: data/<dataset>]
-    #[arg(long)]
+    #[arg(long, value_name = "DIR")]
     pub root: Option<String>,
     /// Only these objects, by name
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub only: Option<Vec<String>>,
-    /// Take this many objects of the set [default: all; 20 of procedural]
-    #[arg(long)]
+    /// Number of objects to use [default: all; 20 for procedural]
+    #[arg(long, value_name = "COUNT")]
     pub objects: Option<u32>,
-    /// Policies, by name; `all` for every one that goes with the set (see --list-policies)
-    #[arg(long, value_delimiter = ',')]
+    /// Policies by name; `all` for every policy that suits the data set (see --list-policies)
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub policies: Option<Vec<String>>,
-    /// Episodes per object and policy; of a recorded sequence one of each start at most [default: 60]
-    #[arg(long)]
+    /// Episodes per object and policy; at most one per start of a recorded sequence [default: 60]
+    #[arg(long, value_name = "COUNT")]
     pub episodes: Option<u32>,
     /// Directory of the results
-    #[arg(long, default_value = "runs/evaluate")]
+    #[arg(long, value_name = "DIR", default_value = "runs/evaluate")]
     pub out: PathBuf,
-    /// Start from the publication's simulator, policies and counting instead of the correct defaults
+    /// Use the publication's simulator, policies and way of counting, and print its values beside ours
     #[arg(long, value_parser = ["paper"])]
     pub preset: Option<String>,
     /// Distance from target to camera, metres [default: 1.2]
     #[arg(long, value_name = "METRES", value_parser = length)]
     pub distance: Option<f64>,
-    /// Device of the networks: cpu, or a GPU backend that was compiled in (wgpu, cuda) [default: cpu]
+    /// Device for the networks: cpu, or a GPU backend that was compiled in (wgpu, cuda) [default: cpu]
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,
-    /// Policy that the others are compared with [default: benbv]
-    #[arg(long)]
+    /// Policy to compare the others with [default: benbv]
+    #[arg(long, value_name = "POLICY")]
     pub baseline: Option<String>,
-    /// Compare result directories, the first being the reference, instead of running anything
+    /// Compare result directories with the first one instead of running anything
     #[arg(long, num_args = 2.., value_name = "DIR", conflicts_with_all = [
         "dataset", "root", "only", "objects", "policies", "episodes", "preset", "distance", "device", "list_policies", "json",
         "config", "set", "seed", "jobs",

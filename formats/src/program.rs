@@ -16,12 +16,12 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tracing_subscriber::EnvFilter;
 
-/// The exit code of a run that was asked to stop and can go on.
+/// The exit code of a run that was asked to stop and can be resumed.
 pub const STOPPED: u8 = 130;
 
 /// What the exit codes mean, in every program; the end of every `--help`.
-pub const EXIT_CODES: &str = "Exit codes: 0 success; 1 an error, said in one line; 2 invalid command line; \
-                              3 no view is left (infer); 130 stopped by Ctrl-C or SIGTERM, resumable.";
+pub const EXIT_CODES: &str = "Exit codes: 0 success; 1 error, one line on stderr; 2 invalid command line; 3 no view is \
+                              left (infer); 130 stopped by Ctrl-C or SIGTERM, resumable.";
 
 /// Threads per core that `--jobs` may ask for.
 const JOBS_PER_CORE: usize = 4;
@@ -29,19 +29,19 @@ const JOBS_PER_CORE: usize = 4;
 /// Flags that every program has.
 #[derive(Args, Clone, Debug, Default)]
 pub struct CommonArgs {
-    /// Settings from a TOML file; the files in `configs/` spell out every setting
+    /// Settings from a TOML file; configs/ lists every setting
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One setting, e.g. --set seed=3; may be given again
+    /// One setting, e.g. --set seed=3; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Seed of everything random [default: 0]
+    /// Random seed [default: 0]
     #[arg(long, value_name = "NUMBER", value_parser = seed)]
     pub seed: Option<u64>,
-    /// Threads; 0: one per core
+    /// Number of threads; 0 means one per core
     #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = jobs)]
     pub jobs: usize,
-    /// More messages; twice for all
+    /// More messages; -vv for all of them
     #[arg(short, long, action = clap::ArgAction::Count)]
     pub verbose: u8,
 }
@@ -64,7 +64,7 @@ impl CommonArgs {
         Flag::given("--seed", "seed", self.seed.map(u64::cast_signed))
     }
 
-    /// Starts messages on stderr: at the first of these levels, each `-v` one further. `RUST_LOG` goes before.
+    /// Starts messages on stderr at the first of these levels; each `-v` takes the next. `RUST_LOG` overrides both.
     pub fn start_messages(&self, levels: [&str; 3]) {
         let given = std::env::var(EnvFilter::DEFAULT_ENV).ok().filter(|text| !text.trim().is_empty());
         let filter = given.and_then(|text| match text.parse::<EnvFilter>() {
@@ -84,10 +84,10 @@ impl CommonArgs {
             .init();
     }
 
-    /// Starts the threads that `--jobs` asks for; without it they start by themselves, one per core.
+    /// Starts as many threads as `--jobs` says; without it they start automatically, one per core.
     ///
     /// # Errors
-    /// Threads that the system refuses.
+    /// The system refuses to start the threads.
     pub fn start_threads(&self) -> Result<(), ProgramError> {
         match self.jobs {
             0 => Ok(()),
@@ -99,7 +99,7 @@ impl CommonArgs {
     }
 }
 
-/// Why a program cannot start, or cannot go on.
+/// Why a program cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramError {
     /// The threads do not start.

@@ -14,7 +14,6 @@ use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
 Examples:
-  infer --scan samples/scan1.ply --from 0.8,0.2,0.9
   infer --scan a.ply b.ply --distance 0.6 --report next.html
   infer --depth d.png --intrinsics 514.1,514.1,640,360 --pose pose.json --json
   infer --depth d.png --camera camera_info.yaml --pose pose.json --set sensor.max_range_m=1.5
@@ -29,144 +28,219 @@ Examples:
   infer --serve --ros2 base_link --set ros2.cloud_topic=/camera/points
   infer --scan a.ply --from 0,0,1 --set constraints.floor_height_m=0.05 --set constraints.max_travel_m=0.8
 
-Every setting: configs/infer.toml, of the service: configs/service.toml. For robots: docs/robots.md.
-Exit codes: 0 done (--serve: asked to stop, and all was answered), 1 error, 2 wrong usage, 3 no view is left, 130 asked to stop
-twice.";
+Every setting is listed in configs/infer.toml, those of the service in configs/service.toml. For robots, see docs/robots.md.
+";
 
-/// The next best view for a 3D scan, as a pose that a robot can use.
+const IN_SHORT: &str = "\
+Example: infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --report next.html
+All options, details, examples and exit codes: --help. For robots: docs/robots.md.";
+
+// The groups of the options. The short help (-h) shows the common ones on one screen, --help all of them.
+const SCANS: &str = "Scans";
+const PLANNING: &str = "Planning";
+const ARM: &str = "Robot arm";
+const OUTPUT: &str = "Output";
+const SIMULATION: &str = "Simulation";
+const SERVICE: &str = "Service";
+
+/// Plans the next best view for a 3D scan, as a camera pose for a robot
 #[derive(Debug, Parser)]
-#[command(name = "infer", version = built::VERSION, after_help = format!("{EXAMPLES} {EXIT_CODES}"))]
+#[command(
+    name = "infer",
+    version = built::VERSION,
+    after_help = IN_SHORT,
+    after_long_help = format!("{EXAMPLES}\n{EXIT_CODES} With --serve, 0 is a requested stop after all requests were answered, 130 a second one."),
+)]
 pub struct Args {
-    /// Clouds (PLY, PCD, XYZ, NPY), oldest first; all in one world frame.
-    #[arg(long, num_args = 1.., value_name = "FILE")]
+    /// Clouds (PLY, PCD, XYZ, NPY), oldest first
+    ///
+    /// All clouds are in one world frame.
+    #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "FILE")]
     pub scan: Vec<PathBuf>,
-    /// Camera position of each scan, x,y,z in the unit of the clouds, in the same order.
-    #[arg(long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>, requires = "scan", conflicts_with_all = ["object", "serve"])]
+    /// Camera position of each cloud, in the same order
+    ///
+    /// x,y,z in the unit of the clouds.
+    #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>, requires = "scan", conflicts_with_all = ["object", "serve"])]
     pub from: Vec<[f64; 3]>,
-    /// Depth images (16-bit PNG in millimetres, NPY in metres), oldest first, added after the clouds.
-    #[arg(long, num_args = 1.., value_name = "FILE")]
+    /// Depth images (PNG in mm, NPY in m), oldest first
+    ///
+    /// They are added after the clouds.
+    #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "FILE")]
     pub depth: Vec<PathBuf>,
-    /// Intrinsics of the depth images, fx,fy,cx,cy in pixels; not needed where the pose file has them.
-    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, requires = "depth", conflicts_with_all = ["object", "serve"])]
-    pub intrinsics: Option<[f64; 4]>,
-    /// Calibration of the camera: ROS CameraInfo, OpenCV FileStorage or Kalibr's camchain (YAML; FILE:cam1 takes one of several),
-    /// RealSense's or Open3D's intrinsics (JSON). Depth images are undistorted by it, and the next scan's camera has its size and
-    /// focal length.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["object", "intrinsics"])]
-    pub camera: Option<String>,
-    /// Pose of the camera of each depth image, or of each cloud instead of --from: tx,ty,tz,qx,qy,qz,qw in metres, or a file
-    /// with one pose in any of the formats of --views-from; FILE:NAME or FILE:INDEX takes one of several.
-    #[arg(long, num_args = 1.., value_name = "FILE|NUMBERS", conflicts_with_all = ["object", "serve"])]
+    /// Camera pose of each depth image, or of each cloud
+    ///
+    /// tx,ty,tz,qx,qy,qz,qw in metres, or a file with one pose in any format accepted by --views-from; FILE:NAME or FILE:INDEX selects
+    /// one of several. For clouds it replaces --from.
+    #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "FILE|NUMBERS", conflicts_with_all = ["object", "serve"])]
     pub pose: Vec<String>,
-    /// Choose from the poses in this file alone: turntable stops, taught poses. JSON (4 x 4 matrices, objects with
-    /// world_from_camera, BOP's scene_camera.json or scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, TUM's lines,
-    /// Open3D's .log, COLMAP's images.txt. Their directions: docs/formats.md.
-    #[arg(long, value_name = "FILE")]
-    pub views_from: Option<PathBuf>,
-    /// Angle of the turntable at each scan, degrees, the clouds first: the scans and their cameras are given in the cell's frame, which
-    /// does not turn. The table itself: [turntable] of the settings.
-    #[arg(long, num_args = 1.., value_name = "DEGREES", value_parser = angle, allow_negative_numbers = true, conflicts_with_all = ["object", "serve"])]
-    pub table_angle_deg: Vec<f64>,
-    /// What the object stands on: auto (found in the first scan), none, or the plane nx,ny,nz,d of points p with n . p = d, metres. It is
-    /// taken away from the scans, and no view is under it. With --object, auto stands the object on a table.
-    #[arg(long, value_name = "auto|none|NX,NY,NZ,D", value_parser = support)]
-    pub support: Option<Support>,
-    /// URDF of the serial arm that carries the camera: views are ruled out that it does not reach, or where it would touch what was
-    /// measured, what is expected in unknown space, keep_out_m or itself. More: [robot] of the settings.
-    #[arg(long, value_name = "FILE", requires = "tool")]
-    pub robot: Option<PathBuf>,
-    /// The arm's last link, which the hand-eye calibration is of.
-    #[arg(long, value_name = "LINK", requires = "robot")]
-    pub tool: Option<String>,
-    /// Hand-eye calibration, the camera's pose on that link: tx,ty,tz,qx,qy,qz,qw in metres, or a file with one pose.
-    #[arg(long, value_name = "FILE|NUMBERS", requires = "robot", conflicts_with = "camera_from_flange")]
-    pub flange_from_camera: Option<String>,
-    /// The same the other way round: the link's pose in the camera's frame.
-    #[arg(long, value_name = "FILE|NUMBERS", requires = "robot")]
-    pub camera_from_flange: Option<String>,
-    /// Metres per unit of the depth images, integers or floats, if not the usual.
-    #[arg(long, value_name = "METRES", value_parser = length, requires = "depth", conflicts_with_all = ["object", "serve"])]
-    pub depth_unit: Option<f64>,
-    /// What pixels without a return mean: unknown, or free (nothing there).
-    #[arg(long, value_name = "MEANING", value_parser = misses)]
+    /// Intrinsics of the depth images, in pixels
+    ///
+    /// Not needed if the pose file contains them.
+    #[arg(help_heading = SCANS, long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, requires = "depth", conflicts_with_all = ["object", "serve"])]
+    pub intrinsics: Option<[f64; 4]>,
+    /// Calibration file of the camera
+    ///
+    /// ROS CameraInfo, OpenCV FileStorage or Kalibr camchain (YAML; FILE:cam1 selects one of several), RealSense or Open3D intrinsics
+    /// (JSON). Depth images are undistorted with it, and the camera of the next scan has its size and focal length.
+    #[arg(help_heading = SCANS, long, value_name = "FILE", conflicts_with_all = ["object", "intrinsics"])]
+    pub camera: Option<String>,
+    /// Pixels without a return: unknown or free (nothing there)
+    #[arg(help_heading = SCANS, long, value_name = "MEANING", value_parser = misses)]
     pub misses: Option<NoReturn>,
-    /// Unit of the clouds and of --from; metres, or the unit that a text cloud names with its columns, if not given.
-    #[arg(long, value_enum, requires = "scan", conflicts_with_all = ["object", "serve"])]
+    /// Unit of the clouds and of --from: m or mm [default: m]
+    ///
+    /// If not given, the unit named in the header of a text cloud is used.
+    #[arg(help_heading = SCANS, long, value_enum, hide_possible_values = true, requires = "scan", conflicts_with_all = ["object", "serve"])]
     pub unit: Option<Unit>,
-    /// Register each scan onto those before it: off, check (says how far it is off), or refine (moves it, or refuses it with the
-    /// reason). docs/robots.md, 'Scans that do not quite fit'.
-    #[arg(long, value_name = "MODE", value_parser = register)]
-    pub register: Option<Register>,
-    /// The robot's accuracy for --register, standard deviations per axis: METRES,DEGREES (0.002,0.3 if not given).
-    #[arg(long, value_name = "METRES,DEGREES", value_parser = numbers::<2>)]
-    pub pose_error: Option<[f64; 2]>,
-    /// Distance from target to camera in metres, or a range to choose from: MIN..MAX.
-    #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = distances)]
-    pub distance: Option<(f64, f64)>,
-    /// Which planner: auto, volumetric, benbv-net, farthest.
-    #[arg(long, value_name = "NAME", value_parser = planner)]
-    pub planner: Option<PlannerName>,
-    /// Directory of a checkpoint for benbv-net, instead of the bundled weights.
-    #[arg(long, value_name = "DIR")]
-    pub weights: Option<PathBuf>,
-    /// Device of benbv-net: cpu, or a GPU backend that was compiled in (wgpu, cuda; docs/gpu.md).
-    #[arg(long, value_name = "NAME")]
-    pub device: Option<String>,
-    /// Stop when the next view is expected to add less than this share of the surface, such as 0.01.
-    #[arg(long, value_name = "SHARE", value_parser = share)]
-    pub stop_below: Option<f64>,
-    /// Answer as JSON.
-    #[arg(long, conflicts_with = "serve")]
-    pub json: bool,
-    /// Write the cloud and the candidates as frustums to this PLY.
-    #[arg(long, value_name = "FILE")]
-    pub ply: Option<PathBuf>,
-    /// Write the measured surface as triangles to this PLY (normals, colours, `rim` 1 where it ends) or STL, metres.
-    #[arg(long, value_name = "FILE", conflicts_with = "serve")]
-    pub mesh: Option<PathBuf>,
-    /// Write the cloud that is planned on, with normals, to this PLY, metres.
-    #[arg(long, value_name = "FILE", conflicts_with = "serve")]
-    pub cloud: Option<PathBuf>,
-    /// Write several next views to this .json, .yaml or .csv, for cells that cannot plan after each scan: the allowed candidates that
-    /// together see most of what is missing, in the order of travel.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["object", "serve"])]
-    pub plan: Option<PathBuf>,
-    /// At most so many views in it.
-    #[arg(long, value_name = "COUNT", default_value_t = 8, requires = "plan")]
-    pub plan_views: usize,
-    /// Write a page to turn with the mouse: cloud, boundary, candidates, next view.
-    #[arg(long, value_name = "FILE")]
-    pub report: Option<PathBuf>,
-    /// Scan this mesh in the simulator until --views: a file, or procedural:SEED.
-    #[arg(long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve", "views_from"])]
-    pub object: Option<String>,
-    /// Next views in the closed loop (--object).
-    #[arg(long, default_value_t = 15, value_name = "COUNT", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
-    pub views: usize,
-    /// Write the first scans of --object (two clouds, a depth image, their poses) into this directory.
-    #[arg(long, value_name = "DIR", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
-    pub export_scans: Option<PathBuf>,
-    /// Keep the session in this directory: these scans are added to those of earlier commands. Settings are those given now.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["object", "serve"])]
+    /// Metres per unit of the depth images
+    ///
+    /// If it differs from the usual: millimetres for integers, metres for floats.
+    #[arg(help_heading = SCANS, hide_short_help = true, long, value_name = "METRES", value_parser = length, requires = "depth", conflicts_with_all = ["object", "serve"])]
+    pub depth_unit: Option<f64>,
+    /// Turntable angle of each scan, degrees
+    ///
+    /// The clouds come first. Scans and cameras are given in the cell's frame, which does not turn. The table itself is described by
+    /// [turntable] in the settings.
+    #[arg(help_heading = SCANS, hide_short_help = true, long, num_args = 1.., value_name = "DEGREES", value_parser = angle, allow_negative_numbers = true, conflicts_with_all = ["object", "serve"])]
+    pub table_angle_deg: Vec<f64>,
+    /// Keep the session here and add the scans to earlier ones
+    ///
+    /// Scans of earlier commands stay in the session; the settings are those given now.
+    #[arg(help_heading = SCANS, long, value_name = "DIR", conflicts_with_all = ["object", "serve"])]
     pub session: Option<PathBuf>,
-    /// Answer requests: JSON lines over stdin and stdout, HTTP with --http, ROS 2 with --ros2.
-    #[arg(long, conflicts_with_all = ["scan", "depth", "report", "ply", "views_from"])]
+    /// Distance from target to camera, or MIN..MAX [default: 1.2]
+    ///
+    /// In metres; with MIN..MAX, the planner chooses.
+    #[arg(help_heading = PLANNING, long, value_name = "METRES", allow_hyphen_values = true, value_parser = distances)]
+    pub distance: Option<(f64, f64)>,
+    /// auto, volumetric, benbv-net or farthest [default: auto]
+    #[arg(help_heading = PLANNING, long, value_name = "NAME", value_parser = planner)]
+    pub planner: Option<PlannerName>,
+    /// Choose only from the poses in this file
+    ///
+    /// For turntable stops and taught poses. JSON (4 x 4 matrices, objects with world_from_camera, BOP's scene_camera.json or
+    /// scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, TUM, Open3D's .log, COLMAP's images.txt. docs/formats.md says which
+    /// direction each has.
+    #[arg(help_heading = PLANNING, long, value_name = "FILE")]
+    pub views_from: Option<PathBuf>,
+    /// Stop if the next view adds less than this share (e.g. 0.01)
+    ///
+    /// The expected gain, as a share of the whole surface.
+    #[arg(help_heading = PLANNING, long, value_name = "SHARE", value_parser = share)]
+    pub stop_below: Option<f64>,
+    /// The plane that the object stands on [default: none]
+    ///
+    /// auto finds it in the first scan; nx,ny,nz,d is the plane of points p with n . p = d, metres. It is removed from the scans, and views
+    /// from below it are excluded. With --object, auto puts the object on a table.
+    #[arg(help_heading = PLANNING, long, value_name = "auto|none|NX,NY,NZ,D", value_parser = support)]
+    pub support: Option<Support>,
+    /// Register scans: off, check or refine [default: off]
+    ///
+    /// check reports how far each scan is off the ones before it; refine moves it, or rejects it with the reason. docs/robots.md, 'Scans
+    /// that do not quite fit'.
+    #[arg(help_heading = PLANNING, long, value_name = "MODE", value_parser = register)]
+    pub register: Option<Register>,
+    /// The robot's accuracy, for --register [default: 0.002,0.3]
+    ///
+    /// Standard deviations per axis.
+    #[arg(help_heading = PLANNING, hide_short_help = true, long, value_name = "METRES,DEGREES", value_parser = numbers::<2>)]
+    pub pose_error: Option<[f64; 2]>,
+    /// Checkpoint directory for benbv-net, instead of the bundled weights
+    #[arg(help_heading = PLANNING, hide_short_help = true, long, value_name = "DIR")]
+    pub weights: Option<PathBuf>,
+    /// Device for benbv-net [default: cpu]
+    ///
+    /// cpu, or a GPU backend that was compiled in (wgpu, cuda; docs/gpu.md).
+    #[arg(help_heading = PLANNING, hide_short_help = true, long, value_name = "NAME")]
+    pub device: Option<String>,
+    /// URDF of the serial arm that carries the camera
+    ///
+    /// Views are excluded if the arm cannot reach them, or if it would touch what was measured, what is expected in unknown space,
+    /// keep_out_m or itself. More under [robot] in the settings.
+    #[arg(help_heading = ARM, long, value_name = "FILE", requires = "tool")]
+    pub robot: Option<PathBuf>,
+    /// Link that the camera is mounted on
+    ///
+    /// The hand-eye calibration refers to this link.
+    #[arg(help_heading = ARM, long, value_name = "LINK", requires = "robot")]
+    pub tool: Option<String>,
+    /// Hand-eye calibration: the camera's pose on that link
+    ///
+    /// tx,ty,tz,qx,qy,qz,qw in metres, or a file with one pose.
+    #[arg(help_heading = ARM, long, value_name = "FILE|NUMBERS", requires = "robot", conflicts_with = "camera_from_flange")]
+    pub flange_from_camera: Option<String>,
+    /// The inverse: the link's pose in the camera frame
+    #[arg(help_heading = ARM, hide_short_help = true, long, value_name = "FILE|NUMBERS", requires = "robot")]
+    pub camera_from_flange: Option<String>,
+    /// Print the answer as JSON
+    #[arg(help_heading = OUTPUT, long, conflicts_with = "serve")]
+    pub json: bool,
+    /// Write an interactive HTML page
+    ///
+    /// It shows the cloud, its boundary, the candidates and the next view.
+    #[arg(help_heading = OUTPUT, long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Write several next views as .json, .yaml or .csv
+    ///
+    /// For cells that cannot plan after each scan: the allowed candidates that together see most of what is missing, in the order of
+    /// travel.
+    #[arg(help_heading = OUTPUT, long, value_name = "FILE", conflicts_with_all = ["object", "serve"])]
+    pub plan: Option<PathBuf>,
+    /// Maximum number of views in --plan
+    #[arg(help_heading = OUTPUT, hide_short_help = true, long, value_name = "COUNT", default_value_t = 8, requires = "plan")]
+    pub plan_views: usize,
+    /// Write the measured surface as triangles, PLY or STL
+    ///
+    /// In metres. The PLY has normals, colours, and `rim` 1 where the measured surface ends.
+    #[arg(help_heading = OUTPUT, long, value_name = "FILE", conflicts_with = "serve")]
+    pub mesh: Option<PathBuf>,
+    /// Write the merged cloud with normals as PLY
+    ///
+    /// In metres: the cloud that planning uses.
+    #[arg(help_heading = OUTPUT, long, value_name = "FILE", conflicts_with = "serve")]
+    pub cloud: Option<PathBuf>,
+    /// Write the cloud and the candidates' frustums as PLY
+    #[arg(help_heading = OUTPUT, long, value_name = "FILE")]
+    pub ply: Option<PathBuf>,
+    /// Scan this mesh in the simulator, or procedural:SEED
+    ///
+    /// Takes --views next views.
+    #[arg(help_heading = SIMULATION, long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve", "views_from"])]
+    pub object: Option<String>,
+    /// Number of next views
+    #[arg(help_heading = SIMULATION, long, default_value_t = 15, value_name = "COUNT", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
+    pub views: usize,
+    /// Write the first scans into this directory
+    ///
+    /// Two clouds, a depth image and their poses.
+    #[arg(help_heading = SIMULATION, hide_short_help = true, long, value_name = "DIR", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
+    pub export_scans: Option<PathBuf>,
+    /// Answer requests: JSON lines on stdin, --http, --ros2
+    #[arg(help_heading = SERVICE, long, conflicts_with_all = ["scan", "depth", "report", "ply", "views_from"])]
     pub serve: bool,
-    /// Loopback address for --serve, such as 127.0.0.1:8350; port 0 takes a free one and prints it.
-    #[arg(long, value_name = "ADDRESS", requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
+    /// Loopback address, e.g. 127.0.0.1:8350
+    ///
+    /// Port 0 takes a free port and prints it.
+    #[arg(help_heading = SERVICE, long, value_name = "ADDRESS", requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
     pub http: Option<SocketAddr>,
-    /// Serve as a ROS 2 node, which brings scans into this frame and answers poses in it: the one that the object stands still in, such
-    /// as base_link. Beside HTTP, if --http is given too. Topics and more: [ros2] of configs/service.toml; docs/ros2.md.
-    #[arg(long, value_name = "BASE_FRAME", num_args = 0..=1, requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
+    /// Run as a ROS 2 node in this frame
+    ///
+    /// Scans are transformed into this frame, and poses are answered in it. The object must not move in it: base_link, for instance. It
+    /// runs beside HTTP if --http is given too. Topics and more are under [ros2] in configs/service.toml; see docs/ros2.md.
+    #[arg(help_heading = SERVICE, long, value_name = "BASE_FRAME", num_args = 0..=1, requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
     pub ros2: Option<Option<String>>,
-    /// Keep the sessions of --serve in this directory: they survive its end, however sudden.
-    #[arg(long, value_name = "DIR", requires = "serve")]
+    /// Keep sessions in this directory
+    ///
+    /// They survive the end of the service, even a crash.
+    #[arg(help_heading = SERVICE, long, value_name = "DIR", requires = "serve")]
     pub state: Option<PathBuf>,
-    /// Settings of the service from a TOML file, as configs/service.toml; also --set service.KEY=VALUE, ros2.KEY=VALUE.
-    #[arg(long, value_name = "FILE", requires = "serve")]
+    /// Settings of the service (TOML)
+    ///
+    /// Like configs/service.toml; --set service.KEY=VALUE and ros2.KEY=VALUE also work.
+    #[arg(help_heading = SERVICE, hide_short_help = true, long, value_name = "FILE", requires = "serve")]
     pub service_config: Option<PathBuf>,
-    /// What every program has.
-    #[command(flatten)]
+    /// Options of every program.
+    #[command(flatten, next_help_heading = "General")]
     pub common: CommonArgs,
 }
 
@@ -199,7 +273,7 @@ impl Args {
             ),
         };
         if of_clouds > 0 && !self.from.is_empty() {
-            bail!("both --pose and --from tell where the clouds were taken from: give one of them");
+            bail!("--pose and --from both give the camera positions of the clouds: use one of them");
         }
         Ok(self.pose.split_at(of_clouds))
     }

@@ -13,6 +13,7 @@ use formats::urdf::{UrdfArm, read_urdf};
 use geometry::Lens;
 use nalgebra::Isometry3;
 use planning::pose::Pose;
+use planning::registration::Register;
 use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
 use ros2::Ros2Config;
 use std::ffi::OsString;
@@ -41,19 +42,24 @@ fn run(args: &Args) -> Result<ExitCode> {
     let (ServeConfig { service: limits, ros2: node }, set) =
         ServeConfig::load(args.service_config.as_deref(), &args.common.set, frame.as_slice())?;
     if !args.serve && set.len() < args.common.set.len() {
-        bail!("--set service.KEY=VALUE, ros2.KEY=VALUE: a setting of the service, which --serve starts");
+        bail!("--set service.KEY=VALUE, ros2.KEY=VALUE: settings of the service, which have no effect without --serve");
     }
     if args.ros2.is_none() && node != Ros2Config::default() {
-        bail!("ros2.KEY: a setting of the node, which --serve --ros2 starts");
+        bail!("ros2.KEY: settings of the node, which have no effect without --serve --ros2");
     }
     let config = settings(args, set)?;
     args.plan.as_deref().map_or(Ok(()), plan::check)?;
     config.check()?;
     if args.weights.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
-        misuse::<Args>("--weights does nothing for a planner other than auto and benbv-net");
+        misuse::<Args>("--weights has no effect with a planner other than auto and benbv-net");
     }
     if args.device.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
-        misuse::<Args>("--device is the network's: it does nothing for a planner other than auto and benbv-net");
+        misuse::<Args>(
+            "--device selects the network's device: it has no effect with a planner other than auto and benbv-net",
+        );
+    }
+    if args.pose_error.is_some() && !args.serve && config.registration.register == Register::Off {
+        misuse::<Args>("--pose-error has no effect without registration: add --register check or --register refine");
     }
     let device = args.device.as_deref().unwrap_or(weights::CPU);
     let network = || weights::network(args.weights.as_deref(), device).map(Some);
@@ -92,7 +98,7 @@ fn run(args: &Args) -> Result<ExitCode> {
 fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
     if let Some(path) = &args.views_from {
         if session.config().turntable.as_ref().is_some_and(|table| table.cell_from_camera.is_some()) {
-            bail!("--views-from: turntable.cell_from_camera says that the camera stands still; leave one of them away");
+            bail!("--views-from: turntable.cell_from_camera says that the camera is fixed; remove one of them");
         }
         session.set_given_views(load::poses(path)?);
     }
@@ -175,7 +181,7 @@ fn robot(args: &Args) -> Result<Vec<Option<Flag>>> {
     ])
 }
 
-/// The camera of the depth images, as far as the command line tells.
+/// The camera of the depth images, as far as the command line describes it.
 pub(crate) fn depth_camera(args: &Args) -> Result<Option<DepthCamera>> {
     let plain = |intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
     match &args.camera {
@@ -281,7 +287,7 @@ fn write_files(
 
 fn serve(service: Service, node: Option<&Ros2Config>, args: &Args) -> Result<()> {
     let service = Arc::new(service);
-    let stop = stop_when_asked("stopping: what runs is answered first; again ends it at once")?;
+    let stop = stop_when_asked("stopping after answering running requests; press again to stop immediately")?;
     #[cfg(feature = "ros2")]
     if let Some(config) = node {
         return crate::node::serve(&service, config, args.http, stop);

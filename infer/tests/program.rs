@@ -46,8 +46,10 @@ fn the_network_runs_on_the_device_that_is_named() {
     };
     let (code, error) = refused(&["--device", "abacus"]);
     assert!(code == Some(1) && error.contains("--device: unknown device `abacus`; this program has: cpu"), "{error}");
+    let (code, error) = refused(&["--pose-error", "0.002,0.3"]);
+    assert!(code == Some(2) && error.contains("--register check"), "without registration it does nothing: {error}");
     let (code, error) = refused(&["--device", "cpu", "--planner", "farthest"]);
-    assert!(code == Some(2) && error.contains("--device is the network's"), "{error}");
+    assert!(code == Some(2) && error.contains("--device selects the network's"), "{error}");
 }
 
 #[test]
@@ -109,7 +111,7 @@ fn a_cloud_takes_its_camera_from_a_pose_or_a_position() {
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(1) && error.contains(expected), "{arguments:?}: {error}");
     };
-    refused(&["--pose", &file, "--from", "0.8,0.2,0.9"], "both --pose and --from");
+    refused(&["--pose", &file, "--from", "0.8,0.2,0.9"], "pose and --from both");
     refused(&["--pose", &file, &file], "2 --pose for 1 --scan");
     std::fs::write(&file, "1 0 0 1\n0 1 0\n").expect("written");
     refused(&["--pose", &file], "line 2: found 3 numbers");

@@ -17,12 +17,14 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 const EXAMPLES: &str = "\
-Example: datagen --dataset procedural --out runs/data/first && train --config configs/tiny/train.toml --out runs/train/first
-Watch: open index.html in the run's directory, or `tensorboard --logdir runs/train`.
+Example:
+  datagen --dataset procedural --out runs/data/first
+  train --config configs/tiny/train.toml --data runs/data/first --out runs/train/first
+To watch a run, open index.html in its directory, or use `tensorboard --logdir runs/train`.
 
-An interrupted run resumes with the same command if that names its directory with --out, or with --resume. ";
+An interrupted run resumes with the same command if it names the directory with --out, or with --resume. ";
 
-/// Trains a network that chooses the next best view.
+/// Trains a network that chooses the next best view
 #[derive(Parser)]
 #[command(
     version = built::VERSION,
@@ -38,38 +40,38 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Converts weights between PyTorch files and checkpoints.
+    /// Convert weights between PyTorch files and checkpoints
     Convert(crate::convert::ConvertArgs),
 }
 
 #[derive(Args)]
 struct TrainArgs {
-    /// benbv-net, or its rival pc-nbv (which makes its own data)
+    /// benbv-net, or its rival pc-nbv (which generates its own data) [default: benbv-net]
     #[arg(long, value_name = "KIND")]
     network: Option<String>,
-    /// Data set (may be repeated: their samples are joined); without it the newest complete one under runs/data
+    /// Data set; repeat it to join several [default: the newest complete one under runs/data]
     #[arg(long, value_name = "DIR")]
     data: Vec<PathBuf>,
-    /// Directory of the run; an existing run is resumed [default: runs/train/<time>; with --resume the newest run there]
+    /// Directory of the run; an existing run is resumed [default: runs/train/<time>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on where the run in --out stopped, with the settings that it was started with
+    /// Resume the run in --out, or the newest one under runs/train, with its settings
     #[arg(long, conflicts_with = "config")]
     resume: bool,
     /// Passes over the data
-    #[arg(long)]
+    #[arg(long, value_name = "COUNT")]
     epochs: Option<u32>,
     /// Samples per optimizer step
-    #[arg(long)]
+    #[arg(long, value_name = "COUNT")]
     batch: Option<u32>,
-    /// Points that clouds are resampled to
-    #[arg(long)]
+    /// Number of points that clouds are resampled to
+    #[arg(long, value_name = "COUNT")]
     points: Option<u32>,
     /// Learning rate
-    #[arg(long)]
+    #[arg(long, value_name = "RATE")]
     lr: Option<f64>,
-    /// cpu, or a GPU backend that was compiled in (wgpu, cuda)
-    #[arg(long)]
+    /// cpu, or a GPU backend that was compiled in (wgpu, cuda) [default: cpu]
+    #[arg(long, value_name = "NAME")]
     device: Option<String>,
     /// Print the outcome as JSON on stdout
     #[arg(long)]
@@ -112,7 +114,7 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
             .with_context(|| format!("no run to resume in {base:?}; name it with --out DIR"))?,
     };
     if args.resume && !crate::checkpoint::exists(&dir.join("latest")) {
-        bail!("{dir:?} holds no run to resume (no latest/training.toml); leave out --resume to start one there");
+        bail!("{dir:?} contains no run to resume (no latest/training.toml); omit --resume to start one there");
     }
     let mut common = args.common.clone();
     if args.resume {
@@ -124,7 +126,7 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
     config.validate()?;
     if config.kind == NetworkKind::PcNbv && !(args.data.is_empty() && args.points.is_none()) {
         program::misuse::<Cli>(
-            "pc-nbv makes its own data, of pc_nbv.points points: --data and --points do nothing for it",
+            "pc-nbv generates its own data with pc_nbv.points points: --data and --points have no effect",
         );
     }
     common.start_threads()?;
@@ -141,7 +143,7 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
     }
     let mut run_dir = RunDir::create(&dir, "train", built::COMMIT, &config)?;
     // Asked twice it ends at once; the last checkpoint stays whole.
-    let stop = program::stop_when_asked("stopping after this step (again: at once)")?;
+    let stop = program::stop_when_asked("stopping after this step; press again to stop immediately")?;
     tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));
     let halt = |_| stop.load(Ordering::SeqCst);
     let run = |data: String| -> anyhow::Result<Run> {

@@ -14,8 +14,9 @@ pub(super) fn flag() -> Arg {
         .long("generate")
         .value_name("KIND")
         .value_parser(PossibleValuesParser::new(KINDS))
+        .hide_possible_values(true)
         .exclusive(true)
-        .help("Print completions for a shell, or the man page")
+        .help("Print completions (bash, zsh, fish, powershell, elvish) or the man page (man)")
 }
 
 /// Prints what was asked for, if anything was.
