@@ -42,7 +42,7 @@ pub fn parse_depth(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> R
             };
             let mut file = image(path, [columns, rows], array.values, array.largest_integer, metres_per_unit)?;
             if array.left > 0 {
-                file.notes.push(format!("{} bytes follow behind the array and were not read", array.left));
+                file.notes.push(format!("{} bytes follow after the array and were not read", array.left));
             }
             Ok(file)
         }
@@ -58,7 +58,7 @@ fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<
     let refuse = |e: png::DecodingError| {
         FormatError::syntax(path, Place::Part("image".to_owned()), e.to_string(), "a PNG image of 16-bit grey")
     };
-    let mut decoder = png::Decoder::new(bytes);
+    let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::IDENTITY);
     let mut reader = decoder.read_info().map_err(refuse)?;
     let info = reader.info();
@@ -75,7 +75,7 @@ fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<
     }
     // Two bytes as they are, four as a depth.
     crate::file::check_unpacked(path, format!("an image of {columns} x {rows} pixels"), 6 * found, bytes.len())?;
-    let mut buffer = vec![0; reader.output_buffer_size()];
+    let mut buffer = vec![0; 2 * columns * rows];
     reader.next_frame(&mut buffer).map_err(refuse)?;
     let values = buffer.chunks_exact(2).map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])));
     image(path, [columns, rows], values, Some(f64::from(u16::MAX)), metres_per_unit)
@@ -110,7 +110,8 @@ pub fn image(
     let mut notes = vec![];
     if marked > 0 {
         let largest = largest_integer.unwrap_or_default();
-        notes.push(format!("{marked} pixels of the largest value, {largest}, are taken for pixels without a return"));
+        notes
+            .push(format!("{marked} pixels with the largest value, {largest}, are treated as pixels without a return"));
     }
     notes.extend(odd_unit(&depth, largest_integer.is_some()).filter(|_| metres_per_unit.is_none()));
     notes.extend(far_mark(&depth));
@@ -124,12 +125,11 @@ fn odd_unit(depth: &[f32], integer: bool) -> Option<String> {
     let (_, &mut median, _) = (!known.is_empty()).then(|| known.select_nth_unstable_by(middle, f32::total_cmp))?;
     match integer {
         false if median > 50.0 => Some(format!(
-            "floats are taken for metres, and half of the depths are over {median:.0} m: if they are millimetres, say so \
+            "floats are read as metres, but half of the depths are above {median:.0} m: if they are millimetres, say so \
              (--depth-unit 0.001, metres_per_unit)"
         )),
         true if median < 0.02 => Some(format!(
-            "integers are taken for millimetres, and half of the depths are under {:.0} mm: if they are of another unit, say \
-             so (--depth-unit, metres_per_unit)",
+            "integers are read as millimetres, but half of the depths are below {:.0} mm: if the unit is different, say so (--depth-unit, metres_per_unit)",
             median * 1000.0 + 1.0
         )),
         _ => None,
@@ -144,7 +144,7 @@ fn far_mark(depth: &[f32]) -> Option<String> {
     let count = depth.iter().filter(|&&z| z == far).count();
     (next > 0.0 && next < 0.5 * far && count * 20 > depth.len()).then(|| {
         format!(
-            "{count} pixels are all {far} m away, the others {next} m at most: if that stands for no return, write 0 there"
+            "{count} pixels are all {far} m away, the others at most {next} m: if that means no return, write 0 instead"
         )
     })
 }
