@@ -141,7 +141,7 @@ fn only_the_loop_decides() {
 
 #[test]
 fn files_are_opened_where_it_is_known() {
-    // What has a format of its own is in `formats`, weights are in `model`; elsewhere a program keeps its own records. A new
+    // File formats are in `formats`, weights in `model`; elsewhere a program keeps its own records. A new
     // place has to argue for itself here.
     let places = [
         "formats/src/",

@@ -1,4 +1,4 @@
-//! What a program was built from. A crate of its own, so that a commit rebuilds the four programs and nothing below them.
+//! The commit that a program was built from. A separate crate, so that a commit rebuilds the four programs and nothing below them.
 
 /// Commit of the source tree at the time of the build, `-dirty` where tracked files were changed; `unknown` where git was
 /// not to be had or the tree is no clone; `development` in unoptimised builds, which do not follow every commit.

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Parser)]
 enum Arguments {
-    /// Scans of our own simulator, from the upper half and from below.
+    /// Scans from our simulator, from the upper half and from below.
     Simulated {
         /// Meshes; 40 procedural objects without it.
         #[arg(long)]

@@ -130,7 +130,7 @@ pub enum Source {
 pub enum DatasetError {
     /// The root is missing, empty or of another layout.
     #[error(
-        "no {name} under {root:?}: found {found}, expected {layout}\n{source_of_data}\nelsewhere? name its place with --root DIR"
+        "no {name} under {root:?}: found {found}, expected {layout}; {source_of_data}; if it is elsewhere, give its directory with --root DIR"
     )]
     Layout {
         /// Name of the data set.
@@ -195,8 +195,7 @@ pub fn list_objects(config: &DatasetConfig, seed: u64, validation_share: f64) ->
     Ok(assign_splits(objects.collect(), choice, seed, validation_share))
 }
 
-const NO_MESHES: &str = "recorded sequences are no meshes: only `evaluate --dataset sequences` replays them; choose another \
-                         --dataset here";
+const NO_MESHES: &str = "recorded sequences are not meshes: only `evaluate --dataset sequences` replays them; choose another --dataset here";
 
 /// The recorded sequences of a root, by name.
 ///

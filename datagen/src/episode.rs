@@ -104,7 +104,7 @@ impl Episode {
      {:.1} % of the surface (wanted {:.1} %); {}",
     100.0 * coverage, 100.0 * min_coverage,
     match ruled_out {
-        Some(reason) => format!("and views were ruled out, the last one because of: {reason}"),
+        Some(reason) => format!("and views were excluded, the last one because of: {reason}"),
         None => "is the object of the expected size (0.2 m) and in view at this distance?".to_owned(),
     }
 )]
@@ -249,7 +249,7 @@ pub enum Stage<'a> {
         recording: &'a Recording,
         /// The first one.
         start: usize,
-        /// What the session is told of each; `None`: nothing, for orders that ask no session.
+        /// What the session may know about each; `None`: nothing, for orders that need no session.
         evidence: Option<EpisodeEvidence>,
     },
 }

@@ -36,7 +36,7 @@ pub enum GenerateError {
     Run(#[from] RunError),
     /// The directory holds a set made with other settings.
     #[error(
-        "{out:?} holds a set made with other settings:\n{differences}give another --out, or delete it to make it anew"
+        "{out:?} contains a set made with different settings:\n{differences}give another --out, or delete it to start over"
     )]
     OtherSettings {
         /// The directory.

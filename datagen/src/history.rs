@@ -34,7 +34,7 @@ pub enum HistoryError {
     #[error(transparent)]
     Lock(#[from] LockError),
     /// Two files would become one object.
-    #[error("{first:?} and {second:?} are both called {name:?}, whatever the case of letters; rename one")]
+    #[error("{first:?} and {second:?} have the same name {name:?}, ignoring case; rename one")]
     SameName {
         /// A file.
         first: PathBuf,
@@ -44,7 +44,7 @@ pub enum HistoryError {
         name: String,
     },
     /// The directory holds something else.
-    #[error("{out:?} holds a set of {found:?}; name another --out")]
+    #[error("{out:?} contains a set of {found:?}; give another --out")]
     OtherSet {
         /// The directory.
         out: PathBuf,

@@ -46,7 +46,7 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let mut prepared = prepare(&job, "datagen")?;
 
     let stop =
-        stop_when_asked("stopping after the objects in hand; once more to stop at once (nothing finished is lost)")?;
+        stop_when_asked("stopping after the current objects; press again to stop immediately (finished work is kept)")?;
     if !args.json {
         let threads = if args.common.jobs > 0 { args.common.jobs } else { prepared.run.provenance().threads };
         let name = config.dataset.name.as_str();
@@ -64,7 +64,7 @@ fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     };
     let noted = prepared.run.finish(&outcome);
     // What stopped the run comes first: on a full disk its end cannot be noted either.
-    let summary = summary.context("stopped; what is finished is kept, and the same command resumes from there")?;
+    let summary = summary.context("stopped; finished work is kept, and the same command resumes from there")?;
     noted?;
     let seconds = clock.elapsed().as_secs_f64();
     if args.json {
@@ -133,14 +133,14 @@ fn verify(directory: &std::path::Path, json: bool) -> anyhow::Result<ExitCode> {
         print_line(serde_json::to_string(&verdict)?)?;
     } else {
         print_line(format_args!(
-            "{} sound shards with {} samples, {} sound surfaces, {} objects skipped",
+            "{} intact shards with {} samples, {} intact surfaces, {} objects skipped",
             verdict.shards, verdict.samples, verdict.surfaces, verdict.skipped
         ))?;
         for problem in &verdict.problems {
             print_line(format_args!("problem: {problem}"))?;
         }
         if !verdict.missing.is_empty() {
-            print_line(format_args!("{} objects not made yet, e.g. {}", verdict.missing.len(), verdict.missing[0]))?;
+            print_line(format_args!("{} objects are missing, e.g. {}", verdict.missing.len(), verdict.missing[0]))?;
         }
     }
     Ok(if verdict.is_sound() { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -88,7 +88,7 @@ impl Recording {
         &self.covers[scan]
     }
 
-    /// Whether the scans can be told like this.
+    /// Whether the recording has this evidence.
     pub fn has(&self, evidence: EpisodeEvidence) -> bool {
         let images = || self.sequence.scans.iter().all(|s| s.image.is_some());
         match evidence {

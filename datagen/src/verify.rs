@@ -44,7 +44,7 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
             ObjectStatus::Skipped { .. } => verdict.skipped += 1,
             ObjectStatus::Done { shard, .. } => {
                 if !known.insert(directory.join(shard)) {
-                    verdict.problems.push(format!("{:?}: its shard {shard:?} is another object's too", record.object));
+                    verdict.problems.push(format!("{:?}: another object uses its shard {shard:?} too", record.object));
                 }
                 let checked = manifest.open(directory, record).and_then(|reader| {
                     reader.as_ref().map_or(Ok(()), ShardReader::verify)?;
@@ -74,9 +74,9 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
     let mut found = vec![];
     files_below(&directory.join("shards"), &mut found)?;
     for path in found.into_iter().filter(|p| !known.contains(p)) {
-        verdict.problems.push(format!(
-            "{path:?}: not in the manifest; run the same datagen command again, it brings the manifest up to date"
-        ));
+        verdict
+            .problems
+            .push(format!("{path:?}: not in the manifest; run the same datagen command again to update the manifest"));
     }
     Ok(verdict)
 }

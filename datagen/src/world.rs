@@ -1,4 +1,4 @@
-//! The cell of an episode, simulated or recorded: its camera, what the planner is told, and what is true.
+//! The cell of an episode, simulated or recorded: its camera, what the planner may know, and the truth.
 
 mod camera;
 
@@ -18,7 +18,7 @@ pub(crate) use camera::{ScanCamera, Shot};
 pub(crate) struct World<'a> {
     pub session: Session,
     config: &'a EpisodeConfig,
-    /// What the session is told of a scan; `None`: nothing at all.
+    /// What the session may know about a scan; `None`: nothing at all.
     evidence: Option<EpisodeEvidence>,
     truth: Truth<'a>,
     /// Voxel edge of what is measured, metres: the spacing of the first scan.
@@ -159,7 +159,7 @@ impl<'a> World<'a> {
         Shot { table_deg, ..camera.take(view) }
     }
 
-    /// Adds a scan. One without points tells planners what is empty.
+    /// Adds a scan. A scan without points shows planners what is empty.
     ///
     /// # Errors
     /// A recorded scan that the session refuses.
@@ -235,7 +235,7 @@ impl<'a> World<'a> {
         self.placed.as_ref().map(Placed::outcome)
     }
 
-    /// Tells the session of a scan what it may know; `None` where it is told nothing.
+    /// Passes the session what it may know about a scan; `None` if that is nothing.
     fn tell(&mut self, shot: Shot) -> Result<Option<ScanReport>, SessionError> {
         let table_angle_deg = shot.table_deg;
         let scan = match self.evidence {

@@ -84,7 +84,7 @@ fn same_bytes_whatever_threads_parts_kills_and_full_disks() {
         assert!(child.wait().unwrap().success());
     }
     same(&whole, &home.join("parts"), "three parts");
-    assert!(succeed(datagen(home).args(["verify", "parts"])).contains("5 sound shards"));
+    assert!(succeed(datagen(home).args(["verify", "parts"])).contains("5 intact shards"));
 
     // Twice the same part at the same time: one of them must wait for another day.
     let mut command = datagen(home);
@@ -152,7 +152,7 @@ fn same_bytes_whatever_threads_parts_kills_and_full_disks() {
     // Other settings must not be mixed in.
     let (code, text) = run(datagen(home).args(SMALL).args(["--out", "whole", "--seed", "1"]));
     assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("other settings") && text.contains("now:   seed = 1"), "{text}");
+    assert!(text.contains("different settings") && text.contains("now:   seed = 1"), "{text}");
 
     let text = succeed(datagen(home).args(["inspect", "whole"]));
     for word in ["train", "validation", "coverage by scan", "scores:", "odd numbers: 0", "a sample: procedural/train_"]
@@ -209,7 +209,7 @@ fn modelnet40_runs_with_no_further_flag_and_explains_itself() {
     assert!(text.contains("box/box_0003") && text.contains("line 4") && text.contains("\"x\""), "{text}");
     let manifest = std::fs::read_to_string(home.join("runs/data/modelnet40/manifest.json")).unwrap();
     assert!(manifest.contains("without area"), "{manifest}");
-    assert!(succeed(datagen(home).args(["verify", "runs/data/modelnet40"])).contains("2 sound shards"));
+    assert!(succeed(datagen(home).args(["verify", "runs/data/modelnet40"])).contains("2 intact shards"));
     let text = succeed(datagen(home).args(["--dataset", "modelnet40", "--split", "test", "--list-objects"]));
     assert_eq!(text.lines().count(), 1, "{text}");
     assert!(text.starts_with("box/box_0005\tbox\tTest"), "{text}");
@@ -243,7 +243,7 @@ fn names_that_meet_are_objects_of_their_own() {
     assert!(one == two, "the same bytes whatever the threads");
     let shards: Vec<_> = one.iter().filter(|(path, _)| path.starts_with("shards")).collect();
     assert!(shards.len() == 3 && shards[0].1 != shards[1].1, "{:?}", one.keys());
-    assert!(succeed(datagen(home).args(["verify", "one"])).contains("3 sound shards"));
+    assert!(succeed(datagen(home).args(["verify", "one"])).contains("3 intact shards"));
 }
 
 #[test]

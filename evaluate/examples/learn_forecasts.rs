@@ -132,7 +132,7 @@ fn main() -> anyhow::Result<()> {
     let fit = |without: &[usize]| {
         let used = std::array::from_fn::<bool, FEATURES, _>(|i| !without.contains(&i));
         Learned::fit(&train, args.ridge, &used)
-            .context("the decisions do not tell the coefficients: give more --objects")
+            .context("too few decisions to fit the coefficients: give more --objects")
     };
     let all = fit(&[])?;
     let blind = [("situation", fit(&[8, 9, 10, 11])?), ("novelty", fit(&[7])?), ("hand-made", fit(&[5, 6])?)];

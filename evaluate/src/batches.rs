@@ -20,7 +20,7 @@ pub trait Watch: Sync {
     /// An object cannot be used.
     fn unusable(&self, object: &str, reason: &ObjectError);
 
-    /// A recording lacks what a policy is to be told.
+    /// A recording lacks an input of a policy.
     fn left_out(&self, _object: &str, _policy: &str) {}
 
     /// So many episodes of a policy were run with other weights, and are run again.
@@ -67,7 +67,7 @@ pub enum NothingRun {
     },
     /// No recording goes with any policy.
     #[error(
-        "no sequence has what these policies are to be told: take others (see --list-policies), or add what is lacking"
+        "no sequence has the inputs that these policies need: choose others (see --list-policies), or add what is missing"
     )]
     NothingFits,
     /// No episode can be run.

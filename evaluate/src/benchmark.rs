@@ -43,7 +43,7 @@ pub fn planner<'a>(
     })
 }
 
-/// Whether a policy can run on an object: a recording must have what the policy is told.
+/// Whether a policy can run on an object: a recording must have the policy's inputs.
 pub fn fits(object: &Object, policy: &Policy) -> bool {
     match &object.body {
         Body::Mesh(_) => true,
@@ -51,7 +51,7 @@ pub fn fits(object: &Object, policy: &Policy) -> bool {
     }
 }
 
-/// The episodes of an object; on a recording one of each start, where it has what the policy is told.
+/// The episodes of an object; on a recording one of each start, if it has the policy's inputs.
 pub fn wanted<'a>(
     object: &'a Object,
     policies: &'a [Policy],

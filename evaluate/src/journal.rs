@@ -1,4 +1,4 @@
-//! The file in which a run keeps what it has done, so that it can be stopped at any moment and go on.
+//! The file in which a run keeps its finished work, so that it can be interrupted at any time and resumed.
 
 use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
 use formats::config::digest;
@@ -28,7 +28,7 @@ pub enum JournalError {
         cause: std::io::Error,
     },
     /// A line in the middle is no record, or not the one that was written.
-    #[error("{path:?}, line {line}: {message}; delete this line, and the same command runs again what it held")]
+    #[error("{path:?}, line {line}: {message}; delete this line, and the same command runs that episode again")]
     Line {
         /// The file.
         path: PathBuf,
@@ -40,7 +40,7 @@ pub enum JournalError {
     /// Made with other settings.
     #[error(
         "{path:?} was made with other settings (hash {found}, now {expected}): give another --out, or remove the \
-         directory to start anew. Policies, episodes and the report may change between runs, nothing else"
+         directory to start over. Only policies, episodes and the report may change between runs"
     )]
     OtherSettings {
         /// The file.
@@ -55,7 +55,7 @@ pub enum JournalError {
 /// A line of the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(clippy::large_enum_variant, reason = "one is held at a time, and nearly all are episodes")]
+#[expect(clippy::large_enum_variant, reason = "one at a time is in memory, and nearly all are episodes")]
 pub enum Entry {
     /// First line: hash of the settings that outcomes depend on.
     Settings(String),
@@ -238,7 +238,7 @@ fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, Jo
     let mut was_run: BTreeMap<EpisodeKey, bool> = BTreeMap::new();
     let unsealed = text.lines().filter(|line| !line.starts_with(SUM)).count();
     if unsealed > 0 {
-        tracing::warn!("{path:?}: {unsealed} lines of an older program have no checksum: damage would not be seen");
+        tracing::warn!("{path:?}: {unsealed} lines of an older program have no checksum: damage would go unnoticed");
     }
     for (i, line) in text.lines().enumerate() {
         let read = |line| {

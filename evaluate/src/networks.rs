@@ -26,8 +26,7 @@ pub enum WeightsError {
     PcNbv(#[from] PcNbvError),
     /// None are configured, and none are found.
     #[error(
-        "found no weights/pc-nbv in the working directory, nor in a folder above the program; they come with the source, or \
-         train some (train --network pc-nbv) and give --set weights.pc_nbv=DIR"
+        "found no weights/pc-nbv in the working directory or in a folder above the program; use those of the source tree, or train some (train --network pc-nbv) and give --set weights.pc_nbv=DIR"
     )]
     NoPcNbv,
 }

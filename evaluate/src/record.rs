@@ -18,9 +18,9 @@ pub struct EpisodeKey {
 /// What was expected at a decision.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Forecast {
-    /// Gain of the view taken, as a share of the whole surface, where the planner tells it.
+    /// Gain of the view taken, as a share of the whole surface, if the planner predicts it.
     pub gain: Option<f64>,
-    /// What `stop` goes by: the most that any view was expected to add, where the planner tells it.
+    /// What `stop` is based on: the most that any view was expected to add, if the planner predicts it.
     pub most: Option<f64>,
 }
 

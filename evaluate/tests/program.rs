@@ -37,7 +37,7 @@ fn wrong_use_is_found_before_any_work() {
     refused(&["--policies", "bnbv"], "did you mean \"benbv\"?", 1);
     refused(&["--set", "policies=[\"see:fast\"]"], "r010", 1);
     refused(&["--policies", "see", "--baseline", "bnbv"], "baseline", 1);
-    refused(&["--policies", "recorded-order"], "recorded sequences alone", 1);
+    refused(&["--policies", "recorded-order"], "only runs on recorded sequences", 1);
     refused(&["--policies", "benbv-net:no/such"], "needs weights", 1);
     refused(&["--policies", "volumetric:learned"], "learn_forecasts", 1);
     refused(&["--seed", "18446744073709551615"], "9223372036854775807", 2);

@@ -85,12 +85,12 @@ impl CloudFile {
         }
         // In organised clouds these are the pixels without a return.
         if file.dropped > 0 && size.is_none() {
-            let found = "points have a coordinate that is no finite number and were left out";
+            let found = "points have a non-finite coordinate and were dropped";
             file.notes.push(format!("{} {found}", file.dropped));
         }
         if zeros > 1 || (zeros > 0 && size.is_some()) {
             file.dropped += zeros;
-            file.notes.push(format!("{zeros} points at exactly (0, 0, 0) are taken for pixels without a return"));
+            file.notes.push(format!("{zeros} points at exactly (0, 0, 0) are treated as pixels without a return"));
             file.leave_out_zeros();
         }
         if file.cloud.is_empty() {
@@ -134,7 +134,7 @@ fn are_normals<'a>(columns: impl Iterator<Item = &'a [f64; 3]>) -> bool {
 
 /// What is said where such columns are no normals.
 fn columns_ignored() -> String {
-    "columns 4 to 6 are no unit vectors or all the same: taken for colours and ignored".to_owned()
+    "columns 4 to 6 are not unit vectors, or all the same: treated as colours and ignored".to_owned()
 }
 
 /// Reads a cloud; the ending of the name (in any case) says the format.

@@ -39,7 +39,7 @@ pub enum ConfigError {
 enum SetError {
     #[error("expected key=value, e.g. camera.width=640")]
     NoValue,
-    #[error("{0:?} is no key; expected names joined by dots, e.g. camera.width")]
+    #[error("{0:?} is not a key; expected names joined by dots, e.g. camera.width")]
     Key(String),
     #[error("{0}")]
     Value(String),
@@ -195,11 +195,11 @@ pub fn to_stored<T: Serialize>(config: &T) -> Result<Vec<u8>, ConfigError> {
 pub fn check_stored(path: &Path) -> Result<(), ConfigError> {
     let bytes = std::fs::read(path).map_err(|cause| ConfigError::Io { path: path.to_owned(), cause })?;
     if !bytes.windows(CHECKSUM.len()).any(|window| window == CHECKSUM) {
-        tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would not be seen");
+        tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would go unnoticed");
         return Ok(());
     }
     const WAY_OUT: &str =
-        "it was edited or damaged; put the file of the run's start back, and change settings by flags or --set";
+        "it was edited or damaged; restore the original file, and change settings with flags or --set";
     Ok(checksum::check(path, &bytes, CHECKSUM, WAY_OUT)?)
 }
 

@@ -44,7 +44,7 @@ pub enum FormatError {
         cause: std::io::Error,
     },
     /// The name's ending is of no type that can be read here.
-    #[error("{path:?}: files that end in {found:?} cannot be read here; expected {expected}")]
+    #[error("{path:?}: files with the extension {found:?} cannot be read here; expected {expected}")]
     UnknownType {
         /// The file.
         path: PathBuf,
@@ -91,7 +91,7 @@ pub enum FormatError {
     },
     /// The content would take more memory than a file of this size warrants.
     #[error(
-        "{path:?}: {what} would take {found} MiB of memory, a file of this size may take {most} MiB; thin or split it"
+        "{path:?}: {what} would take {found} MiB of memory, but a file of this size may take at most {most} MiB; thin or split it"
     )]
     TooLarge {
         /// The file.
@@ -116,7 +116,7 @@ pub enum FormatError {
         vertices: usize,
     },
     /// The file is well-formed and holds nothing of use.
-    #[error("{path:?}: nothing in it that can be used: found {found}, expected {expected}")]
+    #[error("{path:?}: it contains nothing usable: found {found}, expected {expected}")]
     Empty {
         /// The file.
         path: PathBuf,
@@ -138,7 +138,7 @@ pub enum FormatError {
         way_out: &'static str,
     },
     /// Another file stands where one was checked and opened.
-    #[error("{path:?}: it was changed while it was in use; start again once nobody writes there")]
+    #[error("{path:?}: it changed while it was in use; start again when no other program writes to it")]
     Changed {
         /// The file.
         path: PathBuf,
@@ -156,7 +156,7 @@ pub enum FormatError {
 }
 
 /// The way out of damage in a set of training samples.
-pub const REMAKE: &str = "delete the file and run the same datagen command again, it makes what is missing";
+pub const REMAKE: &str = "delete the file and run the same datagen command again to make it anew";
 
 impl FormatError {
     /// An error of the operating system.

@@ -30,7 +30,7 @@ pub enum LockError {
 }
 
 /// Takes the lock of a directory, which is made if need be, without waiting. `name` tells locks of one directory apart
-/// ([`LOCK`] for all of it); `holder` is what others are told. On file systems without locks there is a warning alone.
+/// ([`LOCK`] for all of it); `holder` is reported to other processes. On file systems without locks there is only a warning.
 ///
 /// # Errors
 /// Another process holds it; a directory that cannot be made or written.
@@ -74,7 +74,7 @@ fn open(directory: &Path, name: &str) -> Result<(PathBuf, File), FormatError> {
 }
 
 fn no_locks(path: &Path) {
-    tracing::warn!("{path:?}: this file system has no locks; see to it that one process at a time writes here");
+    tracing::warn!("{path:?}: this file system has no locks; make sure that only one process at a time writes here");
 }
 
 #[cfg(test)]

@@ -98,7 +98,7 @@ impl Manifest {
             FormatError::syntax(&path, Place::Line(e.line()), e.to_string(), "a manifest as datagen writes it")
         })?;
         if manifest.sha256.is_empty() {
-            tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would not be seen");
+            tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would go unnoticed");
         } else {
             checksum::check(&path, &bytes, CHECKSUM, REMAKE)?;
         }

@@ -118,7 +118,7 @@ impl MeshBuilder {
         }
         let Some(triangles) = polygon::triangulate(corners, &mut self.work) else {
             let found = format!("a concave polygon of {} corners", corners.len());
-            let expected = "polygons that are soon cut into triangles: triangulate it in the program that made it";
+            let expected = "polygons that can be triangulated quickly: triangulate it in the program that made it";
             return Err(FormatError::syntax(path, place(), found, expected));
         };
         triangles.into_iter().for_each(|t| self.push(t.map(|i| corners[i])));
@@ -144,12 +144,13 @@ impl MeshBuilder {
     /// The mesh; an error where no triangle is left.
     pub(crate) fn finish(mut self, path: &Path, found: impl FnOnce() -> String) -> Result<Mesh, FormatError> {
         if self.work.crossing > 0 {
-            self.notes.push(format!("{} polygons cross themselves: their triangles are a guess", self.work.crossing));
+            self.notes
+                .push(format!("{} polygons intersect themselves: their triangles are a guess", self.work.crossing));
         }
         if self.triangles.is_empty() {
             let found = match self.left_out {
                 0 => [found()].into_iter().chain(self.notes).collect::<Vec<_>>().join("; "),
-                n => format!("{n} triangles, all without area or with coordinates that are no finite numbers"),
+                n => format!("{n} triangles, all without area or with non-finite coordinates"),
             };
             return Err(FormatError::Empty { path: path.to_owned(), found, expected: "at least one triangle" });
         }

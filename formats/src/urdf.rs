@@ -90,7 +90,7 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
                 "mesh" => match mesh::collision_mesh(path, shape) {
                     Ok(mesh) => balls_of_mesh(&mesh),
                     Err(why) => {
-                        notes.push(format!("link {name}: {why}; without it nothing is known to touch that link"));
+                        notes.push(format!("link {name}: {why}; collisions of this link are not checked"));
                         continue;
                     }
                 },
@@ -120,7 +120,7 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
             other => return Err(wrong(joint, format!("type {other:?}"), "fixed, revolute, continuous or prismatic")),
         };
         if let Some(mimic) = joint.child("mimic").and_then(|m| m.attribute("joint")) {
-            return Err(wrong(joint, format!("it follows joint {mimic}"), "a joint of its own"));
+            return Err(wrong(joint, format!("it follows joint {mimic}"), "an independent joint"));
         }
         let frame = joint.child("origin");
         let part = |key| match frame.and_then(|o| o.attribute(key)) {

@@ -141,7 +141,7 @@ impl Reader<'_, '_> {
     fn block(&mut self, indent: usize, depth: usize) -> Result<Yaml, Fault> {
         let Some(first) = self.lines.get(*self.at) else { return Ok(Yaml::Text(String::new())) };
         if depth > DEEPEST {
-            return Err((first.number, "too many levels in each other".to_owned()));
+            return Err((first.number, "too many nested levels".to_owned()));
         }
         if is_item(&first.text) { self.list(indent, depth) } else { self.map(indent, depth) }
     }
@@ -234,7 +234,7 @@ fn flow(text: &str, number: usize) -> Result<Yaml, Fault> {
 
 fn flow_value(rest: &mut &str, number: usize, depth: usize) -> Result<Yaml, Fault> {
     if depth > DEEPEST {
-        return Err((number, "too many levels in each other".to_owned()));
+        return Err((number, "too many nested levels".to_owned()));
     }
     *rest = without_tag(rest.trim_start());
     let first = rest.chars().next();

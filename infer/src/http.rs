@@ -91,7 +91,7 @@ pub fn serve(
         while (server.connections.count() > 0 || busy()) && Instant::now() < end {
             sleep(LOOK / 10).await;
         }
-        // What is left ends at its next look at the clock, and is told so.
+        // Remaining work ends the next time it looks at the clock, and is answered accordingly.
         server.service.halted.set();
         let end = Instant::now() + Duration::from_secs(2);
         while (server.connections.count() > 0 || busy()) && Instant::now() < end {

@@ -49,7 +49,7 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
         Ok(())
     };
     for (i, path) in args.scan.iter().enumerate() {
-        // What is wrong with it is told in full: it is the user's own.
+        // Errors are reported in full: the file is the user's.
         let given = args.from.get(i).copied();
         let loaded = match of_clouds.get(i) {
             Some(pose) => load::cloud_from(path, args.unit, pose)?,
@@ -63,7 +63,7 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
     }
     let camera = crate::program::depth_camera(args)?;
     for (i, (path, pose)) in args.depth.iter().zip(of_images).enumerate() {
-        // What is wrong with it is told in full; it is kept as it came.
+        // Errors are reported in full; the file is kept as it came.
         load::depth(path, args.depth_unit, pose, camera, config.misses)?;
         let (world_from_camera, camera) = load::placed_camera(path, pose, camera)?;
         let bytes = STANDARD.encode(load::named_bytes(path)?);

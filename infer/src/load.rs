@@ -54,12 +54,15 @@ pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<[
         Ok(file) => Ok(from_cloud_file(file, unit).seen_from(from)),
         Err(error @ FormatError::UnknownType { .. }) => Err(error.into()),
         Err(_) => {
-            bail!("{}: not a cloud as its ending says (infer --scan FILE tells where it is not)", path.display())
+            bail!(
+                "{}: not a valid file of the type that its extension says (infer --scan FILE reports where)",
+                path.display()
+            )
         }
     }
 }
 
-/// [`cloud`] from bytes; the name's ending tells the format.
+/// [`cloud`] from bytes; the extension of the name determines the format.
 pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
     Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit).seen_from(from))
 }
@@ -70,7 +73,7 @@ fn from_cloud_file(mut file: CloudFile, unit: Option<Unit>) -> Loaded {
     match (unit, file.metres_per_unit) {
         (Some(_), Some(named)) if named != metres => {
             notes.push(format!(
-                "its columns name a unit of {named} m, and it was read in units of {metres} m as asked (--unit)"
+                "its columns name a unit of {named} m, but it was read in units of {metres} m as requested (--unit)"
             ));
         }
         (None, Some(named)) if named != 1.0 => notes.push(format!("read in units of {named} m, as its columns say")),
@@ -110,7 +113,7 @@ fn leave_out_camera(file: &mut CloudFile) -> Option<String> {
         grid.pixels = kept.iter().map(|&i| grid.pixels[i]).collect();
         file.cloud = planning::thin::select(&file.cloud, &kept);
     }
-    (left_out > 0).then(|| format!("{left_out} points where the sensor was are taken for pixels without a return"))
+    (left_out > 0).then(|| format!("{left_out} points at the sensor's position are treated as pixels without a return"))
 }
 
 impl Loaded {
@@ -125,7 +128,7 @@ impl Loaded {
                 if (proven - given).norm() > 1e-3 {
                     let triple = |p: Point3<f64>| format!("({:.3}, {:.3}, {:.3})", p.x, p.y, p.z);
                     self.reading.notes.push(format!(
-                        "an organised cloud whose pixels prove a camera at {}: the position given, {}, is not used",
+                        "an organised cloud whose pixels prove a camera at {}: the given position, {}, is ignored",
                         triple(proven),
                         triple(given)
                     ));
@@ -159,7 +162,7 @@ fn pinhole(file: &DepthFile, camera: &DepthCamera) -> Result<PinholeCamera> {
     if let Some([width, height]) = camera.size.filter(|size| *size != file.image.size) {
         let [columns, rows] = file.image.size;
         bail!(
-            "{columns} x {rows} pixels, and the camera was calibrated for {width} x {height}: give the calibration of this size"
+            "{columns} x {rows} pixels, but the camera was calibrated for {width} x {height}: give the calibration of this size"
         );
     }
     if !(fx > 0.0 && fy > 0.0 && intrinsics.iter().all(|x| x.is_finite())) {
@@ -182,9 +185,11 @@ pub fn from_depth_file(
     let off = |center: f64, size: f64| (center / size - 0.5).abs();
     let point = format!("({}, {}) of an image of {width} x {height} pixels", camera.cx, camera.cy);
     if off(camera.cx, width).max(off(camera.cy, height)) > 0.5 {
-        notes.push(format!("the principal point {point} lies outside: intrinsics of another resolution?"));
+        notes.push(format!("the principal point {point} is outside the image: intrinsics for another resolution?"));
     } else if off(camera.cx, width).min(off(camera.cy, height)) > 0.2 {
-        notes.push(format!("the principal point {point} lies far from its middle: intrinsics of another resolution?"));
+        notes.push(format!(
+            "the principal point {point} is far from the middle of the image: intrinsics for another resolution?"
+        ));
     }
     let Undistorted { camera, image: depth, left_out } = match lens.is_pinhole() {
         true => Undistorted { camera, image: file.image, left_out: 0 },
@@ -192,14 +197,14 @@ pub fn from_depth_file(
     };
     if left_out > 0 {
         notes.push(format!(
-            "{left_out} pixels are left out: they look more than 75 degrees off the axis, or farther than the lens's model holds"
+            "dropped {left_out} pixels that look more than 75 degrees off the axis, or beyond the validity of the lens model"
         ));
     }
     let reading = Reading { notes, metres_per_unit: None, table_angle_deg: None };
     Ok(Loaded { scan: Scan::Depth { camera, depth, world_from_camera, misses }, reading })
 }
 
-/// A depth image in bytes; the name's ending tells the format.
+/// A depth image in bytes; the extension of the name determines the format.
 pub fn depth_bytes(name: &str, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthFile> {
     check_unit("metres_per_unit", metres_per_unit)?;
     Ok(parse_depth(name.as_ref(), bytes, metres_per_unit)?)
@@ -246,7 +251,7 @@ pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded>
     let (world_from_camera, _) = read_pose(pose)?;
     let mut loaded = cloud(path, unit, None)?;
     let Scan::Cloud { cloud, from } = &mut loaded.scan else {
-        bail!("{}: its pixels tell where its camera was already: leave --pose {pose} away", path.display());
+        bail!("{}: the cloud already says where its camera was: omit --pose {pose}", path.display());
     };
     check_ahead(&cloud.points, &world_from_camera)
         .map_err(|why| anyhow::anyhow!("--pose {pose}, {}: {why}", path.display()))?;

@@ -79,7 +79,7 @@ pub fn serve(
             }
         };
         stop.store(true, Ordering::SeqCst);
-        let ended = node.join().map_err(|_| anyhow::anyhow!("the node of --ros2 ended by a fault of the program"))?;
+        let ended = node.join().map_err(|_| anyhow::anyhow!("the node of --ros2 ended because of a bug"))?;
         served.and(ended.context("--ros2"))
     })
 }

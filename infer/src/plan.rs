@@ -29,7 +29,7 @@ const COLUMNS: [&str; 13] = [
 pub fn check(path: &Path) -> Result<()> {
     match ending(path).as_str() {
         "json" | "yaml" | "yml" | "csv" => Ok(()),
-        found => bail!("--plan {}: a file .{found}, expected .json, .yaml or .csv", path.display()),
+        found => bail!("--plan {}: unknown extension .{found}, expected .json, .yaml or .csv", path.display()),
     }
 }
 
@@ -40,7 +40,7 @@ pub fn check(path: &Path) -> Result<()> {
 pub fn write(path: &Path, plan: Option<&ScanPlan>) -> Result<()> {
     let plan = plan.with_context(|| {
         format!(
-            "--plan {}: only the planner volumetric makes out what views would see together; take --planner auto or volumetric",
+            "--plan {}: only the planner volumetric predicts what several views see together; use --planner auto or volumetric",
             path.display()
         )
     })?;

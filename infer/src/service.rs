@@ -252,7 +252,7 @@ impl Service {
                 format!(" (longest unused: {id}, for {} s)", used.elapsed().as_secs())
             });
             let most = self.limits.sessions;
-            let message = format!("{most} sessions are open, no more are allowed: delete those that are done{longest}");
+            let message = format!("{most} sessions are open, which is the maximum: delete finished ones{longest}");
             return Err(Refusal::new(429, "too_many_sessions", message));
         }
         let open = Open::empty(config, self.network.clone(), &self.memory)?;

@@ -77,7 +77,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
         Support::None => mesh,
         Support::Auto => cell::on_table(mesh, &settings.constraints.up()),
         Support::Plane(_) => {
-            bail!("--support: with --object, auto stands the object on a table, and none lets it float")
+            bail!("--support: with --object, expected auto (the object is put on a table) or none (it floats)")
         }
     });
     let camera = &settings.camera;
@@ -141,7 +141,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
             let ended = match &last.next {
                 None => format!("no view is left: {}", last.no_view_reason()),
                 Some(_) => format!(
-                    "the next view is expected to add {:.2} % only",
+                    "the next view is expected to add only {:.2} %",
                     100.0 * last.stop.expected_gain.unwrap_or(0.0)
                 ),
             };

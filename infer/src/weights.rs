@@ -7,7 +7,7 @@ use planning::{Network, PlanError, Planner, RankedView, ScanState};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
 
-/// The device of programs that are told of none.
+/// The default device.
 pub const CPU: &str = "cpu";
 
 /// The network of `--weights`, without it the bundled one, on the device of this name.

@@ -58,7 +58,7 @@ fn a_fixed_camera_and_a_turntable_close_the_loop() {
     let coverage = |i: usize| steps[i]["coverage"].as_f64().expect("a share");
     assert!(coverage(4) > coverage(0) + 0.2, "{} to {}", coverage(0), coverage(4));
     let wrong = error(&["--scan", &sample("scan1.ply"), "--from", "0.8,0.2,0.9", "--table-angle-deg", "30"]);
-    assert!(wrong.contains("table angle of 30 degrees, and no turntable"), "{wrong}");
+    assert!(wrong.contains("table angle of 30 degrees, but no turntable"), "{wrong}");
     let count = error(&["--config", &cell, "--scan", &sample("scan1.ply"), "--table-angle-deg", "30", "60"]);
     assert!(count.contains("2 --table-angle-deg for 1 scans"), "{count}");
     let given =

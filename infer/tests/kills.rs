@@ -10,7 +10,7 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-/// A sheet of its own for each scan.
+/// A separate sheet for each scan.
 fn scan(number: usize) -> String {
     let x = 0.03 * number as f64;
     let points: Vec<[f64; 3]> =

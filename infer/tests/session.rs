@@ -215,7 +215,7 @@ fn sizes_and_distances_that_look_wrong_are_warned_of() {
     assert_eq!(warned(1.0, 1.2), "", "the paper's setting is fine");
     assert!(warned(1000.0, 1.2).contains("--unit mm"), "200 m across");
     assert!(warned(0.001, 1.2).contains("--unit m)"), "0.2 mm across");
-    assert!(warned(10.0, 1.2).contains("would serve (--distance"), "2 m across seen from 1.2 m");
+    assert!(warned(10.0, 1.2).contains("try a distance of"), "2 m across seen from 1.2 m");
     let text = warned(1.0, 0.1);
     let serves: f64 =
         text.split("--distance ").nth(1).and_then(|t| t.trim_end_matches(')').parse().ok()).expect("a distance");

@@ -66,8 +66,7 @@ pub enum CheckpointError {
     },
     /// The bytes are not those that were written.
     #[error(
-        "{file}: damaged or edited: its SHA-256 is {found}, {SUMS} says {expected}; take another checkpoint or a sound copy, \
-         or, where the change is meant, delete {SUMS}"
+        "{file}: damaged or edited: its SHA-256 is {found}, {SUMS} says {expected}; use another checkpoint or an intact copy, or, if the change is intended, delete {SUMS}"
     )]
     Damaged {
         /// The file.
@@ -272,7 +271,7 @@ fn parse_description<C: DeserializeOwned>(
         Some(version) if version == i64::from(SCHEMA_VERSION) => {}
         Some(version) => {
             return Err(fail(format!(
-                "schema_version = {version}: this program reads {SCHEMA_VERSION}; take the program that wrote it"
+                "schema_version = {version}: this program reads {SCHEMA_VERSION}; use the program that wrote it"
             )));
         }
         None => return Err(fail(format!("no integer `schema_version`; expected {SCHEMA_VERSION}"))),

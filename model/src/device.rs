@@ -14,7 +14,7 @@ pub enum DeviceError {
     /// Known, but left out of this build.
     #[error(
         "device `{name}` is not in this build (it has: {}); build one that has it with \
-         `cargo build --release -p train --features {name}` (likewise infer, evaluate), or take `--device cpu`",
+         `cargo build --release -p train --features {name}` (likewise infer, evaluate), or use `--device cpu`",
         compiled_in().join(", ")
     )]
     NotCompiledIn {
@@ -22,7 +22,7 @@ pub enum DeviceError {
         name: &'static str,
     },
     /// The driver or the hardware is missing.
-    #[error("device `{name}` does not start: {reason}; install {driver}, or take `--device cpu`")]
+    #[error("device `{name}` does not start: {reason}; install {driver}, or use `--device cpu`")]
     NoDriver {
         /// The device.
         name: &'static str,
@@ -95,7 +95,7 @@ pub fn check_default() -> Result<(), DeviceError> {
     opened.map_err(|of| DeviceError::Default { of: Box::new(of) })
 }
 
-/// Whether the device computes while the program goes on, so that reading a number waits for all before it.
+/// Whether the device computes asynchronously, so that reading a number waits for everything before it.
 pub fn works_by_itself(device: &Device) -> bool {
     #[cfg(feature = "ndarray")]
     #[allow(deprecated)]

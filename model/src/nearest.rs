@@ -4,7 +4,7 @@ use burn::tensor::{Int, Tensor, TensorData};
 use rayon::prelude::*;
 use std::collections::HashSet;
 
-/// For every point the `k` nearest others in the features [B*N, C] of its own cloud, as rows of the same table,
+/// For every point the `k` nearest others in the features [B*N, C] of the same cloud, as rows of the same table,
 /// [B*N*k]. The nearest of k + 1 is dropped as the point itself. Exact duplicates are pushed away, all but their first
 /// copy, by the cloud's largest distance, as PC-NBV's PyTorch re-implementation does. Ties go to the lower
 /// index. Needs N > k.

@@ -37,7 +37,7 @@ impl Sums {
             Ok(bytes) => bytes,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
                 if directory.is_dir() {
-                    tracing::warn!("{directory:?} has no {SUMS}: damage of its weights would not be seen");
+                    tracing::warn!("{directory:?} has no {SUMS}: damage to its weights would go unnoticed");
                 }
                 return Ok(sums);
             }

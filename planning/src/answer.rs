@@ -15,7 +15,7 @@ use std::fmt::Write;
 /// A candidate view. World frame, metres.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// 0 is the best of those allowed; those ruled out follow.
+    /// 0 is the best of those allowed; the excluded ones follow.
     pub rank: usize,
     /// The planner's score less the cost of travel; larger is better.
     pub score: f64,
@@ -139,7 +139,7 @@ pub struct Answer {
     /// False where the deadline passed before all views were scored, and the best so far was asked for.
     #[serde(default = "yes")]
     pub complete: bool,
-    /// All candidates, best first, those ruled out last.
+    /// All candidates, best first, excluded ones last.
     pub candidates: Vec<Candidate>,
     /// How many candidates each constraint rules out.
     pub excluded: Vec<Exclusion>,
@@ -170,7 +170,7 @@ impl Answer {
             line(format!("surface: {known} measured, {expected} expected where nothing is known yet"));
         }
         if let Some(Plane { normal, offset_m }) = &self.support {
-            line(format!("stands on the plane {} . p = {offset_m:.4} m, which is taken away", triple(normal)));
+            line(format!("stands on the plane {} . p = {offset_m:.4} m, which is removed", triple(normal)));
         }
         if let Some(missing) = &self.missing {
             describe_missing(missing, &mut line);
@@ -180,7 +180,7 @@ impl Answer {
             let wrong = self.estimated_cameras.iter().map(|c| c.wrong_side).fold(0.0, f64::max);
             line(format!(
                 "cameras estimated: {}, each within {:.0} degrees in nine of ten cases, on the wrong side of the surface in up \
-                 to {:.0} %; known ones (--from, --depth) serve better",
+                 to {:.0} %; known positions (--from, --depth) give better results",
                 self.estimated_cameras.len(),
                 worst.off_deg,
                 100.0 * wrong
@@ -203,7 +203,7 @@ impl Answer {
             ));
         }
         if self.next.is_some() && !self.excluded.is_empty() {
-            line(format!("ruled out: {}", self.describe_exclusions()));
+            line(format!("excluded: {}", self.describe_exclusions()));
         }
         text
     }
@@ -224,10 +224,10 @@ impl Answer {
             let _ = write!(text, " (a part {} across, {})", length(hole.size_m), hole.unseen.describe());
         }
         if let Some(overlap) = next.expected_overlap {
-            let _ = write!(text, "; {} of its scan overlaps what is known", percent(overlap));
+            let _ = write!(text, "; {} of its scan overlaps known surface", percent(overlap));
         }
         if self.stop.stop {
-            text += ". Not worth it: no view adds as much as the stop level asks for";
+            text += ". Not worth it: no view is expected to reach the stop level";
         }
         text + "."
     }
@@ -235,10 +235,9 @@ impl Answer {
     /// Why there is no next view.
     pub fn no_view_reason(&self) -> String {
         if self.candidates.is_empty() {
-            return "the measured surface has no boundary to look beyond: as far as its spacing tells, it is closed"
-                .to_owned();
+            return "the measured surface has no boundary to look beyond: at its spacing it is closed".to_owned();
         }
-        format!("all {} candidates are ruled out: {}", self.candidates.len(), self.describe_exclusions())
+        format!("all {} candidates are excluded: {}", self.candidates.len(), self.describe_exclusions())
     }
 
     fn describe_exclusions(&self) -> String {
@@ -299,7 +298,7 @@ fn describe_missing(missing: &Missing, line: &mut impl FnMut(String)) {
     let [low, high] = missing.between.map(percent);
     let mut text = format!("missing: {} of the surface ({low} to {high})", percent(missing.share));
     if missing.out_of_reach_share > 0.0 {
-        let _ = write!(text, ", and {} that no view sees that may be taken", percent(missing.out_of_reach_share));
+        let _ = write!(text, ", and {} that no allowed view sees", percent(missing.out_of_reach_share));
     }
     line(text);
     for hole in missing.holes.iter().take(SHOWN) {

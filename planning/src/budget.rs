@@ -13,7 +13,7 @@ pub enum Left {
     Nobody,
 }
 
-/// Asked between scans, views and candidates whether to go on. Unlimited by default. The clock is the caller's.
+/// Asked between scans, views and candidates whether to continue. Unlimited by default. The clock is the caller's.
 #[derive(Clone, Default)]
 pub struct Budget {
     left: Option<Arc<dyn Fn() -> Left + Send + Sync>>,

@@ -174,7 +174,7 @@ impl SessionConfig {
         }
         let Some(robot) = &self.robot else { return Ok(()) };
         if self.turntable.as_ref().is_some_and(|t| t.cell_from_camera.is_some()) {
-            let found = "a camera that stands still, and an arm".to_owned();
+            let found = "a fixed camera and an arm".to_owned();
             return Err(ConfigError { key: "turntable.cell_from_camera", found, expected: "one of them" });
         }
         robot.check()

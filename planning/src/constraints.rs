@@ -179,7 +179,7 @@ impl ConstraintsConfig {
         if let Some(radius) = self.visited_radius_m {
             let nearest = known.visited.iter().map(|p| (p - view.position).norm()).fold(f64::INFINITY, f64::min);
             if nearest < radius {
-                object(Constraint::Visited, format!("{nearest:.3} m from a position done already"));
+                object(Constraint::Visited, format!("{nearest:.3} m from a visited position"));
             }
         }
         let clearance =
@@ -322,7 +322,7 @@ impl Objection {
                 "no surface in its image within the sensor's range and angles".to_owned()
             }
             false if !sensor.reaches(distance) => {
-                format!("{distance:.3} m from its target, the sensor measures from {near:.3} to {far:.3} m")
+                format!("{distance:.3} m from its target, but the sensor measures from {near:.3} to {far:.3} m")
             }
             _ => return None,
         };

@@ -34,12 +34,12 @@ impl PositionDoubt {
     /// For people, after 'the camera position of scan 2'.
     pub fn describe(&self) -> String {
         match self {
-            Self::TooFar(away) => format!("is {} from its points: another unit?", length(*away)),
+            Self::TooFar(away) => format!("is {} from its points: a different unit?", length(*away)),
             Self::Inside => "lies in its points".to_owned(),
             Self::Hidden(share) => {
-                format!("does not see {:.0} % of its points, which lie behind others from there", 100.0 * share)
+                format!("cannot see {:.0} % of its points, which are hidden behind others from there", 100.0 * share)
             }
-            Self::Behind => "lies behind its surface, as far as the density of its points tells".to_owned(),
+            Self::Behind => "lies behind its surface, judging by the density of its points".to_owned(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Where a cloud was scanned from, told by the cloud itself: a surface shows its front to the camera, and from there no
+//! Where a cloud was scanned from, estimated from the cloud itself: a surface shows its front to the camera, and from there no
 //! part of it hides another.
 
 mod trust;
@@ -102,7 +102,7 @@ pub(crate) fn direction_by_density(
     Some(Told { direction: taken.direction, trust: Trust { misfit: taken.misfit, against_other_side } })
 }
 
-/// A camera's direction as the density tells it.
+/// A camera's direction, estimated from the density.
 pub(crate) struct Told {
     pub(crate) direction: Vector3<f64>,
     pub(crate) trust: Trust,

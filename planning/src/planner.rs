@@ -71,7 +71,7 @@ pub trait Planner {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlanError {
     /// The measured surface has no open edge.
-    #[error("the measured surface has no boundary to look beyond: it is closed, as far as its spacing tells")]
+    #[error("the measured surface has no boundary to look beyond: at its spacing it is closed")]
     NoBoundary,
     /// Nothing left among the views that the policy knows.
     #[error("planner {planner} has no view left: {why}")]

@@ -40,7 +40,9 @@ impl Stop {
         }
         let basis = match predicted {
             Some(_) => "predicted by the planner",
-            None => "not known: this planner predicts no gain; give camera positions (--from) or depth images for one",
+            None => {
+                "unknown: this planner does not predict gains; give camera positions (--from) or depth images to get one"
+            }
         };
         Self {
             expected_gain: predicted,

@@ -55,7 +55,7 @@ impl Watch for Notes {
     }
 
     fn left_out(&self, object: &str, policy: &str) {
-        self.note(format!("{object} lacks what {policy} is to be told: left out"));
+        self.note(format!("{object} lacks the inputs of {policy}: left out"));
     }
 
     fn unseeable(&self, object: &str, share: f64) {

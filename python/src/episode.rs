@@ -1,4 +1,4 @@
-//! An episode step by step: the one loop of `datagen` runs on a thread of its own and waits at each decision for what Python
+//! An episode step by step: the one loop of `datagen` runs on a separate thread and waits at each decision for what Python
 //! decides.
 
 use crate::arrays;

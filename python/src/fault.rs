@@ -102,7 +102,7 @@ impl From<anyhow::Error> for Fault {
 
 /// A fault of ours, as far as is known.
 pub fn internal() -> Fault {
-    Fault::Plan("an internal error, told on stderr: please report it with what was asked".to_owned())
+    Fault::Plan("an internal error, reported on stderr: please report it with the request that caused it".to_owned())
 }
 
 /// Does it; a panic becomes an exception.

@@ -1,4 +1,4 @@
-//! The Python package `benbv`: a thin skin over the other crates, with no logic of its own. What is here takes arrays and
+//! The Python package `benbv`: a thin layer over the other crates, without logic. What is here takes arrays and
 //! answers with arrays and JSON; `python/benbv` beside it gives both names, types and help.
 
 mod arrays;

@@ -182,7 +182,7 @@ impl RobotSession {
         self.add(py, Loaded { scan, reading: Reading { metres_per_unit: Some(1.0), ..Reading::default() } })
     }
 
-    /// A cloud in the bytes of a file; the ending of its name tells the format.
+    /// A cloud in the bytes of a file; the extension of its name determines the format.
     #[pyo3(signature = (name, content, origin, millimetres))]
     fn add_bytes(
         &self,

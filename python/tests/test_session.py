@@ -85,7 +85,7 @@ def test_what_is_ruled_out_says_why(sheet):
     assert view.next is None and view.stop.stop
     assert view.candidates[0].objections[0].constraint == "floor"
     assert "floor at 2.000 m" in view.candidates[0].objections[0].reason
-    with pytest.raises(benbv.PlanError, match="no next view: all .* candidates are ruled out"):
+    with pytest.raises(benbv.PlanError, match="no next view: all .* candidates are excluded"):
         _ = view.world_from_camera
     session.configure(constraints={"floor_height_m": None})
     assert session.next_view().next is not None

@@ -1,4 +1,4 @@
-"""The node against rclpy (Fast DDS) and cyclonedds, which have met real robots. Run by .ci/ros2, in a network of its own."""
+"""The node against rclpy (Fast DDS) and cyclonedds, which have met real robots. Run by .ci/ros2, in a separate network."""
 
 import json
 import os
@@ -116,7 +116,7 @@ def test_what_needs_no_transform_gives_the_very_same_pose(robot, node):
     assert robot.parameter("sensor_frame", "").successful
     robot.call("reset")
     send(robot, cloud(points, frame="base_link"))
-    assert any("where its camera was is not known" in note for note in robot.plan()["notes"])
+    assert any("its camera's position is unknown" in note for note in robot.plan()["notes"])
 
 
 def test_fields_of_any_order_padding_and_width(robot, node):
@@ -156,7 +156,7 @@ def test_a_scan_is_taken_once_and_what_is_missing_is_said(robot):
     robot.parameter("wait_s", 0.3)
     send(robot, cloud(in_camera(scene(1000, CAMERA))))
     assert robot.plan()["session"]["scans"] == 1
-    assert "no_new_scan" in robot.refusal() and "was used already" in robot.refusal()
+    assert "no_new_scan" in robot.refusal() and "already been used" in robot.refusal()
     assert json.loads(robot.call("undo").message) == {"scans": 0}
     assert "no_scan" in robot.refusal("undo")
     send(robot, cloud(in_camera(scene(1000, CAMERA))))
@@ -294,7 +294,7 @@ def test_an_organised_cloud_is_evidence_like_a_depth_image(robot, node):
 
 def test_parameters(robot):
     assert not robot.parameter("base_frame", "elsewhere").successful
-    assert "no JSON" in robot.parameter("config", "{").reason
+    assert "not JSON" in robot.parameter("config", "{").reason
     assert robot.parameter("config", '{"working_distance_m": 0.45}').successful
     send(robot, cloud(in_camera(scene(1000, CAMERA))))
     view = robot.plan()["next"]
@@ -359,7 +359,7 @@ def test_a_peer_that_is_killed_and_comes_again(robot):
 def test_the_node_killed_and_started_again_says_what_it_lost(transforms, tmp_path):
     for arguments, note, scans in [
         ([], "is new: scans of an earlier run are lost (--state DIR keeps them)", 1),
-        (["--state", str(tmp_path / "kept")], "goes on with 1 scans", 2),
+        (["--state", str(tmp_path / "kept")], "resumes with 1 scans", 2),
     ]:
         topics = ("ros2.cloud_topic=/again", "ros2.node=/again")
         first = Node(*arguments, topics=topics)

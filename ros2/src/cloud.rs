@@ -62,7 +62,7 @@ pub fn request(cloud: &PointCloud2, placement: &Placement) -> Result<ScanRequest
     let zeros = rows.points().filter(|point| at(point, xyz) == [0.0; 3]).count();
     let zeros_are_misses = zeros > 1 || organised;
     if zeros > 0 && zeros_are_misses {
-        made_of.notes.push(format!("{zeros} points at exactly (0, 0, 0) are taken for pixels without a return"));
+        made_of.notes.push(format!("{zeros} points at exactly (0, 0, 0) are treated as pixels without a return"));
     }
     let mut points: Vec<[f64; 6]> = Vec::with_capacity(rows.count());
     let mut ahead = 0;
@@ -91,7 +91,7 @@ pub fn request(cloud: &PointCloud2, placement: &Placement) -> Result<ScanRequest
     }
     if 2 * ahead < made_of.returns {
         made_of.notes.push(format!(
-            "{} % of the points lie ahead of the sensor's frame: it is no optical frame (+Z forward), and its position alone is used",
+            "{} % of the points lie ahead of the sensor's frame: it is not an optical frame (+Z forward), so only its position is used",
             100 * ahead / made_of.returns
         ));
     }

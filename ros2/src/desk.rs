@@ -43,7 +43,7 @@ fn done(message: String) -> TriggerResponse {
     TriggerResponse { success: true, message }
 }
 
-/// A refusal as a service tells it.
+/// A refusal as a service reports it.
 pub fn refused(refused: &Refused) -> TriggerResponse {
     TriggerResponse { success: false, message: format!("{}: {}", refused.code, refused.message) }
 }
@@ -90,11 +90,11 @@ impl Desk<'_> {
         if !changes.trim().is_empty() {
             request["config"] = serde_json::from_str(changes).map_err(|e| Refused {
                 code: "bad_config".to_owned(),
-                message: format!("the parameter config is no JSON: {e}"),
+                message: format!("the parameter config is not JSON: {e}"),
             })?;
         }
         let body = self.planner.ask(Ask::NextView, request.to_string().as_bytes()).map_err(|why| {
-            let added = if used.is_some() { "the scan was added, and no view was had (plan again): " } else { "" };
+            let added = if used.is_some() { "the scan was added, but planning failed (plan again): " } else { "" };
             Refused { message: format!("{added}{}", why.message), ..why }
         })?;
         let answer: Answer = serde_json::from_slice(&body).map_err(|e| unreadable(&e))?;

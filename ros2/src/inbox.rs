@@ -122,7 +122,7 @@ impl Inbox {
         self.changed.notify_all();
     }
 
-    /// A camera has told of itself.
+    /// A camera has sent its calibration.
     pub fn take_camera(&self, info: CameraInfo) {
         let mut received = self.lock();
         if received.cameras.len() < MOST || received.cameras.contains_key(&info.header.frame_id) {
@@ -194,18 +194,19 @@ impl Inbox {
             .as_ref()
             .map_or(String::new(), |why| format!("; the last message there could not be read: {why}"));
         let Some(newest) = &received.newest else {
-            return Err(NotYet::new("no_scan", format!("nothing has come on {topic}{unread}")));
+            return Err(NotYet::new("no_scan", format!("nothing has arrived on {topic}{unread}")));
         };
         let age = newest.at.elapsed().as_secs_f64();
         if newest.number <= self.used.load(Ordering::SeqCst) {
-            let message =
-                format!("the newest scan on {topic}, {age:.1} s ago, was used already: none has come since{unread}");
+            let message = format!(
+                "the newest scan on {topic}, {age:.1} s ago, has already been used: none has arrived since{unread}"
+            );
             return Err(NotYet::new("no_new_scan", message));
         }
         if age > config.max_age_s {
             let most = config.max_age_s;
             let message = format!(
-                "the newest scan on {topic} came {age:.1} s ago, at most {most} s are taken (ros2.max_age_s){unread}"
+                "the newest scan on {topic} arrived {age:.1} s ago; scans older than {most} s are not used (ros2.max_age_s){unread}"
             );
             return Err(NotYet::new("stale_scan", message));
         }
@@ -222,7 +223,7 @@ fn placed(received: &Received, config: &Ros2Config, arrived: Arrived) -> Result<
         Measurement::Depth(_) => Some(received.cameras.get(&frame_id).cloned().ok_or_else(|| {
             let known: Vec<&str> = received.cameras.keys().map(String::as_str).collect();
             let message =
-                format!("no CameraInfo of {frame_id:?} has come on {} (of others: {known:?})", config.info_topic());
+                format!("no CameraInfo of {frame_id:?} has arrived on {} (of others: {known:?})", config.info_topic());
             NotYet::new("no_camera_info", message)
         })?),
     };
@@ -238,7 +239,7 @@ fn placed(received: &Received, config: &Ros2Config, arrived: Arrived) -> Result<
     let mut lookup = |frame: &str| -> Result<Found, NotYet> {
         let found = received.transforms.lookup(base, frame, at).map_err(|why: TransformError| NotYet {
             may_come: why.may_come(),
-            ..NotYet::new("no_transform", format!("where {frame:?} is in {base:?} is not known: {why}"))
+            ..NotYet::new("no_transform", format!("the position of {frame:?} in {base:?} is unknown: {why}"))
         })?;
         if let Some((gap, child)) = found.gap.as_ref().filter(|g| g.0 > GAP_S) {
             notes.push(format!("where {child:?} was is interpolated between transforms {gap:.1} s apart"));
@@ -254,7 +255,7 @@ fn placed(received: &Received, config: &Ros2Config, arrived: Arrived) -> Result<
     };
     if base_from_sensor.is_none() {
         notes.push(format!(
-            "the scan is in {base:?} already, and where its camera was is not known: name its frame (ros2.sensor_frame)"
+            "the scan is already in {base:?}, but its camera's position is unknown: name its frame (ros2.sensor_frame)"
         ));
     }
     let recent = |at: &Instant| at.elapsed().as_secs_f64() <= config.max_age_s;

@@ -1,6 +1,6 @@
 //! A ROS 2 node around the planner, without a ROS install: what comes over topics becomes the requests that HTTP carries too
 //! ([`cloud`], [`image`], [`transforms`]), and answers become messages ([`markers`]). Only `node` talks to a network; all else
-//! is tested on bytes. `docs/ros2.md` tells how to use it.
+//! is tested on bytes. `docs/ros2.md` says how to use it.
 
 pub mod answer;
 pub mod cloud;

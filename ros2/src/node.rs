@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 
 /// How often the node looks whether it shall stop.
 const LOOK: Duration = Duration::from_millis(50);
-/// How often it tells how it is.
+/// How often it reports its status.
 const TELL: Duration = Duration::from_secs(1);
 
 impl Message for TriggerRequest {}
@@ -101,7 +101,7 @@ fn serve(
     }
     let session = planner.session().map_err(failed("the session"))?;
     mouth.note(match (session.kept, session.scans) {
-        (true, scans) => format!("session {} goes on with {scans} scans", session.name),
+        (true, scans) => format!("session {} resumes with {scans} scans", session.name),
         (false, 0) => {
             format!("session {} is new: scans of an earlier run are lost (--state DIR keeps them)", session.name)
         }
@@ -213,7 +213,7 @@ fn tell(what: &str, response: &TriggerResponse) {
 /// A panic costs the request alone.
 fn guarded<T>(work: impl FnOnce() -> (TriggerResponse, Option<T>)) -> (TriggerResponse, Option<T>) {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| {
-        let message = "this is a fault of the program; the session is as it was".to_owned();
+        let message = "this is a bug; the session is unchanged".to_owned();
         (refused(&Refused { code: "internal".to_owned(), message }), None)
     })
 }

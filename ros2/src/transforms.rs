@@ -75,7 +75,7 @@ impl Transforms {
         let known = self.edges.entry(child).or_insert_with(|| Edge { parent: parent.clone(), motion: empty(fixed) });
         let mut said = Ok(());
         if known.parent != parent {
-            said = Err(format!("it stood in {:?} before: what was known of it is forgotten", known.parent));
+            said = Err(format!("its parent was {:?} before: earlier transforms are discarded", known.parent));
             *known = Edge { parent, motion: empty(fixed) };
         }
         match &mut known.motion {
@@ -116,7 +116,7 @@ fn insert(
     if newest.is_some_and(|newest| at < newest.saturating_sub(kept_ns)) {
         // A recording that begins anew, or a simulator's clock set back.
         samples.clear();
-        said = Err("time jumped back: what was known of it is forgotten".to_owned());
+        said = Err("time jumped back: earlier transforms are discarded".to_owned());
     }
     match samples.iter().rposition(|s| s.0 <= at) {
         Some(i) if samples[i].0 == at => samples[i].1 = pose,

@@ -3,7 +3,7 @@
     cargo build --release -p model --example bench
     python tests/reference/bench.py target/release/examples/bench [--threads 2] [--rounds 7] [--cases forward:1:4096 train:32:1024]
 
-Both sides live in processes of their own and do one forward pass (eval) or one training step (forward, loss, backward,
+Both sides run in separate processes and do one forward pass (eval) or one training step (forward, loss, backward,
 AdamW) whenever it is their turn, so that other load on the machine falls on both alike. Printed per case: wall and CPU
 time (all threads), the best and the median, samples per second, peak memory, and the ratios.
 Needs: pip install torch numpy safetensors

@@ -131,7 +131,7 @@ pub fn load_state(directory: &Path) -> Result<TrainingState, TrainError> {
     let state: TrainingState = toml::from_str(&text).map_err(|e| bad(e.to_string()))?;
     if state.schema_version != SCHEMA_VERSION {
         return Err(bad(format!(
-            "schema_version = {}, but this program reads {SCHEMA_VERSION}; take the program that wrote it",
+            "schema_version = {}, but this program reads {SCHEMA_VERSION}; use the program that wrote it",
             state.schema_version
         )));
     }
@@ -150,7 +150,7 @@ pub fn load_into<N: Network>(directory: &Path, learner: Learner<N>) -> Result<Le
     };
     let bad = |path: &Path, e: &dyn std::fmt::Display| TrainError::Checkpoint {
         path: path.to_path_buf(),
-        problem: format!("{e}; it is damaged, or of another network: take another checkpoint"),
+        problem: format!("{e}; it is damaged or belongs to another network: use another checkpoint"),
     };
     let record = |name: &str| {
         let (bytes, path) = read(name)?;

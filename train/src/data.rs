@@ -108,7 +108,11 @@ impl Dataset {
             held.identity,
             if held.split == Split::Test { "test" } else { "validation" }
         );
-        Err(unfit(&held.set, problem, "make the sets with the same --seed and validation_share, or of other objects"))
+        Err(unfit(
+            &held.set,
+            problem,
+            "make the sets with the same --seed and validation_share, or from different objects",
+        ))
     }
 
     fn join(mut self, other: Dataset) -> Dataset {
@@ -125,8 +129,8 @@ impl Dataset {
         let manifest = Manifest::read(path)?;
         let missing = missing(&manifest);
         if missing > 0 {
-            let problem = format!("{missing} of {} objects are not made yet", manifest.objects.len());
-            return Err(unfit(path, problem, "finish the set by starting the same `datagen` command again"));
+            let problem = format!("{missing} of {} objects are missing", manifest.objects.len());
+            return Err(unfit(path, problem, "finish the set by running the same `datagen` command again"));
         }
         let name = format!(
             "{} (settings {}, seed {}, {} samples)",
@@ -210,7 +214,7 @@ impl Dataset {
             let problems: Vec<Option<String>> = problems.collect::<Result<_, TrainError>>()?;
             if let (Some(Some(first)), true) = (problems.first(), problems.iter().all(Option::is_some)) {
                 let problem = format!("not one of {} {what} samples can be used: {first}", list.len());
-                return Err(unfit(path, problem, "make the set anew with `datagen`"));
+                return Err(unfit(path, problem, "make the set again with `datagen`"));
             }
         }
         Ok(set)

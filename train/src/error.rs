@@ -1,4 +1,4 @@
-//! Why training cannot start or go on.
+//! Why training cannot start or continue.
 
 use std::path::{Path, PathBuf};
 
@@ -66,8 +66,7 @@ pub enum TrainError {
     Device(#[from] model::device::DeviceError),
     /// A device computes something else than the CPU does.
     #[error(
-        "device `{device}` computes wrongly: {found}; losses may differ by {loss} % and gradients by {gradient} %. Its kernels or \
-         its driver have a fault: try CUBECL_AUTOTUNE_LEVEL=minimal in the environment, another driver, or `--device cpu`"
+        "device `{device}` gives wrong results: {found}; losses may differ by {loss} % and gradients by {gradient} %. There is a fault in its kernels or its driver: try CUBECL_AUTOTUNE_LEVEL=minimal in the environment, another driver, or `--device cpu`"
     )]
     Disagrees {
         /// Its name.

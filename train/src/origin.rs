@@ -1,4 +1,4 @@
-//! Whether a run may go on: with the settings and the data that it was started with.
+//! Whether a run can be resumed: only with the settings and the data that it was started with.
 
 use crate::TrainError;
 use crate::checkpoint::{self, TrainingState};
@@ -40,7 +40,7 @@ fn check_origin(state: &TrainingState, settings: &str, data: &str, latest: &Path
     let refuse = |problem: String| Err(TrainError::Checkpoint { path: latest.to_path_buf(), problem });
     if state.settings != settings {
         return refuse(
-            "it was made with other settings than asked for now; resume with --resume, which takes those of the run (only \
+            "it was made with different settings; resume with --resume, which uses those of the run (only \
              epochs, device, episodes, checkpoint and loader may change), or start a new run in another --out"
                 .into(),
         );

@@ -86,7 +86,7 @@ impl Schedule {
         self
     }
 
-    /// What must be saved to go on.
+    /// What must be saved to resume.
     pub fn state(&self) -> ScheduleState {
         self.state
     }

@@ -1,7 +1,7 @@
 //! Optimizer steps, and the guard against those whose loss, gradient or statistics are not finite: weights, moments,
 //! average and running statistics are then what they were before.
 //!
-//! On the CPU a step is read before it is applied. A GPU works while the program goes on, and a reading waits until
+//! On the CPU a step is read before it is applied. A GPU works asynchronously, and a reading waits until
 //! it has nothing left to do; there the steps of a [`Group`] are applied unread, and where one of them turns out bad, all are
 //! taken back and done again one by one.
 

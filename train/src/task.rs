@@ -17,7 +17,7 @@ pub trait Task: Sync {
     /// Sizes of the network.
     fn network(&self) -> <Self::Net as Network>::Config;
 
-    /// The same with nothing random in its forward pass, for comparing devices: each draws numbers of its own.
+    /// The same with nothing random in its forward pass, for comparing devices: each draws different random numbers.
     fn network_without_dropout(&self) -> <Self::Net as Network>::Config {
         self.network()
     }

@@ -273,7 +273,7 @@ fn note<B>(
         }
         Step::Skipped(reason) => {
             state.skipped_in_row += 1;
-            watch.message(state.step, format!("step {} left the weights as they are: {reason}", state.step))?;
+            watch.message(state.step, format!("step {} did not change the weights: {reason}", state.step))?;
             if state.skipped_in_row < MOST_SKIPPED {
                 return Ok(());
             }

@@ -91,7 +91,7 @@ fn wrong_use_is_explained() {
     assert!(say(&["--batch", "0"]).contains("setting batch = 0: expected at least 1"));
     assert!(say(&["--device", "abacus", "--data", "."]).contains("abacus"));
     assert!(say(&["--data", "."]).contains("no data in it"));
-    assert!(say(&["--network", "pc-nbv", "--data", "."]).contains("makes its own data"));
+    assert!(say(&["--network", "pc-nbv", "--data", "."]).contains("generates its own data"));
     assert!(say(&["--lr", "-1"]).contains("optimizer.learning_rate = -1"));
     assert!(say(&["--resume", "--config", "a.toml"]).contains("cannot be used with"));
     common::plain_set(&tmp.path().join("data"), 2, 1);

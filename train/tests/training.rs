@@ -109,7 +109,7 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
 
     other.optimizer.learning_rate = 0.5;
     let text = run_until(&other, &data, &parts, true, u64::MAX).expect_err("other settings").to_string();
-    assert!(text.contains("other settings"), "{text}");
+    assert!(text.contains("different settings"), "{text}");
     let log = std::fs::read_to_string(parts.join("log.jsonl")).expect("a log");
     let steps = log.lines().filter(|l| l.contains("\"kind\":\"step\"")).count();
     assert_eq!(steps, 15, "each step once in the log of a resumed run");
@@ -181,7 +181,7 @@ fn a_loss_that_overflows_changes_nothing() {
     let dir = tmp.path().join("run");
     let outcome = run(&config, &data, &dir).expect("survived");
     let log = std::fs::read_to_string(dir.join("log.jsonl")).expect("a log");
-    let skipped = log.matches("left the weights as they are").count();
+    let skipped = log.matches("did not change the weights").count();
     assert_eq!(skipped, 4, "one step an epoch holds the sample:\n{log}");
     assert!(
         outcome.epochs.iter().all(|e| e.train_loss.is_finite() && e.valid_loss.is_finite()),
@@ -370,5 +370,5 @@ fn unusable_data_is_explained() {
         "unfinished: passed over"
     );
     let text = Dataset::open(&tmp.path().join("new"), 0.2, 1).expect_err("unfinished").to_string();
-    assert!(text.contains("1 of 3 objects are not made yet"), "{text}");
+    assert!(text.contains("1 of 3 objects are missing"), "{text}");
 }

@@ -16,7 +16,7 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
             root: root.to_owned(),
             found: describe(root),
             layout: "a tree of .off, .obj, .ply or .stl files",
-            source_of_data: "any meshes will do",
+            source_of_data: "any meshes can be used",
         });
     }
     found.sort_by(|a, b| a.name.cmp(&b.name));

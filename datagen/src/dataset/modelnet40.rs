@@ -26,7 +26,7 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
             root: root.to_owned(),
             found: describe(root),
             layout: "<category>/{train,test}/*.off, e.g. airplane/train/airplane_0001.off",
-            source_of_data: "it is obtained from https://modelnet.cs.princeton.edu (ModelNet40.zip, 2 GB); unpack it so that the categories lie in that directory",
+            source_of_data: "download it from https://modelnet.cs.princeton.edu (ModelNet40.zip, 2 GB; scripts/fetch-data does) and unpack it so that the categories are in that directory",
         });
     }
     Ok(found)

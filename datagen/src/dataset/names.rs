@@ -7,7 +7,7 @@ use std::path::Path;
 /// Bytes of a part of a name; file systems allow 255, of which endings and temporary siblings take their share.
 const LONGEST: usize = 160;
 
-/// Gives every model a name of its own, whatever the case of letters: those that share one get the ending of their file
+/// Gives every model a unique name, ignoring case: those that share one get the ending of their file
 /// (`a.obj`, `a.stl`), and where that does not do (`a.off` beside `a.OFF`, names that are no Unicode), the digest of their
 /// path below the root. So names depend neither on the order of the models nor on where the root lies.
 ///

@@ -11,7 +11,7 @@ const FIRST_TEST: u64 = 1 << 32;
 pub(super) fn list(config: &DatasetConfig, seed: u64, validation_share: f64) -> Result<Vec<Object>, DatasetError> {
     if config.list.is_some() || config.root.is_some() {
         let text =
-            "procedural objects are made, not read: they take neither --list nor --root; choose another --dataset";
+            "procedural objects are generated, not read: --list and --root do not apply; choose another --dataset";
         return Err(DatasetError::Choice(text.to_owned()));
     }
     let choice = config.split();

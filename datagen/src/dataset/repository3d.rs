@@ -9,8 +9,7 @@ const OBJECTS: [&str; 8] =
 
 pub(super) fn find(root: &Path, choice: SplitChoice) -> Result<Vec<Found>, DatasetError> {
     if choice == SplitChoice::Train {
-        let text =
-            "the objects of repository3d are for evaluation alone; leave --split away, or train on another data set";
+        let text = "the objects of repository3d are only for evaluation; omit --split, or train on another data set";
         return Err(DatasetError::Choice(text.to_owned()));
     }
     let mut found = vec![];
@@ -30,7 +29,7 @@ pub(super) fn find(root: &Path, choice: SplitChoice) -> Result<Vec<Found>, Datas
             root: root.to_owned(),
             found: describe(root),
             layout: "meshes (.obj, .ply, .off or .stl) named armadillo, blade, bunny, dragon, happyBuddha, horse, statue_of_liberty, teapot, any of them",
-            source_of_data: "they are obtained from https://graphics.stanford.edu/data/3Dscanrep and https://www.cc.gatech.edu/projects/large_models, and, as used in the paper, with the authors' code at https://github.com/leihui6/BENBV",
+            source_of_data: "download them from https://graphics.stanford.edu/data/3Dscanrep (scripts/fetch-data does) and https://www.cc.gatech.edu/projects/large_models; the meshes used in the paper come with the authors' code at https://github.com/leihui6/BENBV",
         });
     }
     Ok(found)

@@ -20,7 +20,7 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
             root: root.to_owned(),
             found: describe(root),
             layout: "folders of scans, each with a sequence.json",
-            source_of_data: "docs/formats.md says what stands in it",
+            source_of_data: "docs/formats.md describes that file",
         });
     }
     Ok(found)

@@ -24,7 +24,7 @@ pub(super) fn find(root: &Path) -> Result<Vec<Found>, DatasetError> {
             root: root.to_owned(),
             found: describe(root),
             layout: "<synset>/<id>/model.obj (version 1) or <synset>/<id>/models/model_normalized.obj (version 2), e.g. 02691156/10155655850468db78d106ce0a280f87/model.obj",
-            source_of_data: "it is obtained from https://shapenet.org after registration (ShapeNetCore.v1 or .v2); unpack the synsets into that directory",
+            source_of_data: "download it from https://shapenet.org after registering (ShapeNetCore.v1 or .v2) and unpack the synsets into that directory",
         });
     }
     Ok(found)

@@ -112,7 +112,7 @@ fn repository3d_is_for_evaluation_alone() {
     let config = DatasetConfig { name: DatasetName::Repository3d, root: Some(dir.path().into()), ..Default::default() };
     assert_eq!(names(&config), ["bunny", "teapot"]);
     assert!(list_objects(&config, 0, 0.2).unwrap().iter().all(|o| o.split == Split::Test));
-    assert!(message(&DatasetConfig { split: Some(SplitChoice::Train), ..config }).contains("evaluation alone"));
+    assert!(message(&DatasetConfig { split: Some(SplitChoice::Train), ..config }).contains("only for evaluation"));
 }
 
 #[test]

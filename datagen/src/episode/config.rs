@@ -8,7 +8,7 @@ use formats::config::SettingError;
 use geometry::PinholeCamera;
 use planning::Accumulate;
 
-/// What planners are told of a scan; the camera measures the same whatever it is.
+/// What planners may know about a scan; what the camera measures does not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EpisodeEvidence {
@@ -72,7 +72,7 @@ pub struct EpisodeConfig {
     pub tolerance_m: f64,
     /// Next views after the first scan (15).
     pub num_views: usize,
-    /// What planners are told of a scan.
+    /// What planners may know about a scan.
     pub evidence: EpisodeEvidence,
     /// How scans are merged into what planners see.
     pub accumulate: Accumulate,
@@ -148,12 +148,12 @@ impl EpisodeConfig {
                 return Err(SettingError::new(
                     "episode.registration",
                     found,
-                    "one of the two: drift stands for registration",
+                    "only one of them: drift already simulates registration",
                 ));
             }
             if self.evidence == EpisodeEvidence::Merged || self.accumulate == Accumulate::Matched {
                 let found = "with evidence = \"merged\" or accumulate = \"matched\"";
-                return Err(SettingError::new("episode.registration", found, "scans that are told apart, as measured"));
+                return Err(SettingError::new("episode.registration", found, "separate scans, as measured"));
             }
         }
         Ok(())

@@ -52,7 +52,7 @@ pub enum PolicyError {
     },
     /// It needs more than recorded scans.
     #[error(
-        "{policy:?} does not run on recorded sequences: it needs the object, or views of its own; there are oracle, farthest, \
+        "{policy:?} does not run on recorded sequences: it needs the object or generates views; available are oracle, farthest, \
          auto, auto:EVIDENCE, random and recorded-order"
     )]
     NotOnRecordings {
@@ -60,7 +60,7 @@ pub enum PolicyError {
         policy: String,
     },
     /// It chooses among recorded scans.
-    #[error("{policy:?} runs on recorded sequences alone (--dataset sequences)")]
+    #[error("{policy:?} only runs on recorded sequences (--dataset sequences)")]
     OnRecordingsAlone {
         /// Its name.
         policy: String,

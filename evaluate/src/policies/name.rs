@@ -11,8 +11,8 @@ use std::str::FromStr;
 pub const POLICIES: &[(&str, &str)] = &[
     ("benbv", "the paper's model-based search, 20 candidates; knows the object"),
     ("benbv:60", "the same with 20 targets x 3 angles (any multiple of 3, e.g. benbv:300)"),
-    ("benbv:shifted", "reference: the search where it does not know at which parts of a pixel its samples will fall"),
-    ("auto", "what `infer` does by default: the best that the evidence allows"),
+    ("benbv:shifted", "reference: search averaged over sub-pixel shifts"),
+    ("auto", "what `infer` does by default: the best planner for the inputs"),
     ("benbv-net", "the paper's network; no model of the object (benbv-net:DIR with the checkpoint in DIR)"),
     ("pc-nbv", "PC-NBV over its 33 views at the working distance (pc-nbv:paper: unmasked, 0.3 m farther)"),
     ("see", "SEE++ with parameters from the first scan"),
@@ -27,10 +27,10 @@ pub const POLICIES: &[(&str, &str)] = &[
         "volumetric:learned",
         "the same with learned gain and overlap, from --set weights.forecasts=FILE (:learned-gain, :learned-overlap)",
     ),
-    ("farthest", "largest least angle to all past cameras, on a sphere of 500 views (:R in metres)"),
+    ("farthest", "the view farthest in angle from all past cameras, of 500 on a sphere (:R in metres)"),
     ("farthest:60", "the same among BENBV's 60 candidates"),
     ("volumetric:true", "reference: volumetric with true gain and overlap (:true-gain, :true-overlap)"),
-    ("volumetric:shifted", "reference: the same as the mean of images shifted by quarter pixels (:shifted-gain, ...)"),
+    ("volumetric:shifted", "reference: the same averaged over sub-pixel shifts (:shifted-gain, ...)"),
     ("oracle:20", "reference: greedy true gain among BENBV's 20 candidates (any multiple of 3 too)"),
     ("oracle:60", "reference: greedy true gain among 20 targets x 3 angles"),
     ("oracle:60:0.3", "reference: the same with an overlap of at least 0.3"),
@@ -40,14 +40,17 @@ pub const POLICIES: &[(&str, &str)] = &[
 
 /// Those on recorded sequences (`--dataset sequences`).
 pub const RECORDED_POLICIES: &[(&str, &str)] = &[
-    ("oracle", "reference: greedy true gain among the scans left"),
+    ("oracle", "reference: greedy true gain among the remaining scans"),
     ("farthest", "largest least angle to all past cameras"),
-    ("auto:depth-with-background", "what `infer` does, told depth images whose misses are free space"),
+    ("auto:depth-with-background", "what `infer` does, with depth images whose misses are free space"),
     ("auto:depth", "the same where misses mean nothing"),
-    ("auto:camera-positions", "the same told clouds and where they were taken from (auto: the best that there is)"),
-    ("auto:clouds", "the same told clouds alone (auto:merged: one cloud of all points)"),
+    (
+        "auto:camera-positions",
+        "the same with clouds and their camera positions (auto: with the best evidence available)",
+    ),
+    ("auto:clouds", "the same with clouds alone (auto:merged: one cloud of all points)"),
     ("random", "any of the scans left"),
-    ("recorded-order", "the next scan as it was recorded, the first after the last"),
+    ("recorded-order", "the scans in recorded order, starting over after the last"),
 ];
 
 /// The paper's policies, as `--preset paper` runs them.
@@ -77,7 +80,7 @@ pub enum Kind {
     ShiftedSearch,
     /// `auto`.
     Auto,
-    /// `auto`, told this of a recording.
+    /// `auto` with this evidence from a recording.
     AutoOn(EpisodeEvidence),
     /// `random`: any scan of a recording.
     Random,
@@ -167,7 +170,7 @@ pub enum Among {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
     /// No policy of this name.
-    #[error("no policy is named {name:?}{}; `evaluate --list-policies` lists those there are", meant(.suggestion))]
+    #[error("no policy is named {name:?}{}; `evaluate --list-policies` lists them", meant(.suggestion))]
     Unknown {
         /// As given.
         name: String,
@@ -175,13 +178,13 @@ pub enum NameError {
         suggestion: Option<String>,
     },
     /// A policy of ours has this name.
-    #[error("{name:?} is the name of a policy that is there already: give your own another one")]
+    #[error("{name:?} is already the name of a policy: choose another name")]
     Taken {
         /// As given.
         name: String,
     },
     /// A name that tables cannot show.
-    #[error("{name:?} is no name of a policy: expected 1 to 60 letters, digits, '-', '_', '.' and ':'")]
+    #[error("{name:?} is not a valid policy name: expected 1 to 60 letters, digits, '-', '_', '.' and ':'")]
     Odd {
         /// As given.
         name: String,
@@ -320,7 +323,8 @@ impl FromStr for Policy {
                     Some("paper") => (Radius::Paper, 0.0),
                     Some(r) => {
                         let least = r.parse().ok().filter(|r: &f64| !r.is_nan());
-                        let least = least.ok_or_else(|| unfit("a set of views, then a least overlap, e.g. 60:0.3"))?;
+                        let least =
+                            least.ok_or_else(|| unfit("a set of views, then a minimum overlap, e.g. 60:0.3"))?;
                         (Radius::Working, least)
                     }
                 };

@@ -26,7 +26,7 @@ pub enum Order {
     Recorded,
     /// The largest true gain.
     Oracle,
-    /// A session with this planner, told this; `None`: the best that the recording has.
+    /// A session with this planner and this evidence; `None`: the best that the recording has.
     Session(PlannerName, Option<EpisodeEvidence>),
 }
 
@@ -46,7 +46,7 @@ impl Order {
         })
     }
 
-    /// Whether the recording has what it is to be told.
+    /// Whether the recording has its inputs.
     pub fn fits(self, recording: &Recording) -> bool {
         match self {
             Self::Session(_, Some(evidence)) => recording.has(evidence),

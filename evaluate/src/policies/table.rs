@@ -25,7 +25,7 @@ impl Planner for AboveTable<'_> {
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let mut views = self.inner.rank_views(state, rng)?;
         views.retain(|r| r.view.position.z >= self.least_z);
-        let none = PlanError::no_view(self.name(), "all of its views stand below the table's top");
+        let none = PlanError::no_view(self.name(), "all of its views are below the table top");
         checked(self.name(), views, none)
     }
 

@@ -1,4 +1,4 @@
-//! The publication's figures and those of its own code, beside ours.
+//! The publication's figures and those of its code, beside ours.
 
 use super::table::{Table, number};
 use crate::config::EvaluateConfig;

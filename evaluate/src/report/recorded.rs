@@ -14,7 +14,7 @@ use serde::Serialize;
 const LEAST_GAIN: f64 = 0.01;
 /// `stop_below` that the table of stops is for.
 const STOP_BELOW: f64 = 0.02;
-/// Steps with rows of their own.
+/// Steps that get their own row.
 const STEPS: usize = 5;
 /// Stands for all sequences, and for all steps.
 const ALL: &str = "all";

@@ -36,7 +36,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError>
     });
     let file = CloudFile::gather(path, points, size)?;
     let ignored = (columns == 6 && !with_normals).then(super::columns_ignored);
-    let left = (left > 0).then(|| format!("{left} bytes follow behind the array and were not read"));
+    let left = (left > 0).then(|| format!("{left} bytes follow after the array and were not read"));
     Ok(file.with_notes(ignored.into_iter().chain(left)))
 }
 

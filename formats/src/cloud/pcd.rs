@@ -263,7 +263,7 @@ fn text_rows(
     }
     let left = lines.count();
     if left > 0 {
-        notes.push(format!("{left} lines follow behind the {} points declared and were not read", header.points));
+        notes.push(format!("{left} lines follow after the {} declared points and were not read", header.points));
     }
     Ok(rows)
 }
@@ -291,7 +291,7 @@ fn binary_rows(
     let (points, left) = body.split_at(size as usize);
     let left = left.trim_ascii_end().len();
     if left > 0 {
-        notes.push(format!("{left} bytes follow behind the {} points declared and were not read", header.points));
+        notes.push(format!("{left} bytes follow after the {} declared points and were not read", header.points));
     }
     Ok(points.chunks_exact(record.max(1) as usize).map(row).collect())
 }

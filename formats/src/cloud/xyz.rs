@@ -109,7 +109,7 @@ impl Table<'_> {
         let refuse = |found: String, expected: &str| FormatError::syntax(self.path, Place::Line(line), found, expected);
         if content.contains(',') {
             if let Some(word) = content.split_whitespace().find(|word| has_thousands(word)) {
-                return Err(refuse(format!("{word:?}"), "numbers without marks between thousands"));
+                return Err(refuse(format!("{word:?}"), "numbers without thousands separators"));
             }
             self.commas.get_or_insert_with(|| commas_part(content));
         }
@@ -131,8 +131,7 @@ impl Table<'_> {
             None => Err(refuse(format!("{} numbers", cells.len()), "three coordinates")),
             Some("") => Err(refuse(format!("an empty cell in column {}", i + 1), "a coordinate")),
             Some(cell) if self.commas == Some(true) && is_padded(cell) => {
-                let expected = "numbers with decimal points, since commas part columns here (or semicolons or blanks \
-                                between numbers with decimal commas)";
+                let expected = "numbers with decimal points, since commas separate columns here (or semicolons or spaces between numbers with decimal commas)";
                 Err(refuse(format!("{cell:?}"), expected))
             }
             Some(cell) => decimal(cell).ok_or_else(|| refuse(format!("{cell:?}"), "three coordinates")),
@@ -162,14 +161,14 @@ impl Table<'_> {
             notes.push(super::columns_ignored());
         }
         if let Some((line, title)) = head.title {
-            notes.push(format!("line {line}, {title:?}, names no x, y and z: the first three columns were taken"));
+            notes.push(format!("line {line}, {title:?}, names no x, y and z: the first three columns were used"));
         }
         if self.commas == Some(false) {
-            notes.push("commas were read as decimal marks".to_owned());
+            notes.push("commas were read as decimal separators".to_owned());
         }
         let read = self.rows.len() as u64;
         if let Some(count) = head.count.filter(|&count| count != read) {
-            notes.push(format!("a line above the points says {count}, {read} are there: all were read"));
+            notes.push(format!("a line above the points says {count}, but there are {read}: all were read"));
         }
         let rows = self.rows.into_iter().map(|(position, other)| (position, other.filter(|_| normals)));
         let mut file = CloudFile::gather(self.path, rows, None)?.with_notes(notes);

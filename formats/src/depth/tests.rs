@@ -56,7 +56,7 @@ fn the_unit_given_counts_for_floats_too() {
     assert_eq!(guessed.image.depth, [800.0, 900.0]);
     assert!(guessed.notes[0].contains("--depth-unit 0.001"), "{:?}", guessed.notes);
     let metres: Vec<u8> = [1u16, 2, 1].iter().flat_map(|z| z.to_le_bytes()).collect();
-    assert!(npy("<u2", &metres, 3).notes[0].contains("integers are taken for millimetres"));
+    assert!(npy("<u2", &metres, 3).notes[0].contains("integers are read as millimetres"));
 }
 
 #[test]
@@ -68,7 +68,7 @@ fn far_values_that_stand_for_no_return() {
     assert_eq!(file.image.depth[1], 0.0, "the largest of signed integers");
     assert_eq!(npy("<u2", &wide(&[800, 32767, 30000]), 3).notes.len(), 0);
     let file = npy("<u2", &wide(&[800, 10000, 900, 10000]), 4);
-    assert!(file.notes[0].contains("2 pixels are all 10 m away, the others 0.9 m"), "{:?}", file.notes);
+    assert!(file.notes[0].contains("2 pixels are all 10 m away, the others at most 0.9 m"), "{:?}", file.notes);
     assert_eq!(npy("<u2", &wide(&[800, 800, 800]), 3).notes.len(), 0, "a wall seen squarely");
 }
 

@@ -87,7 +87,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     if let Some(line) = missing {
         builder
             .notes
-            .push(format!("line {line} and others name normals that the file does not have; they are left out"));
+            .push(format!("line {line} and others refer to normals that the file does not have; they are ignored"));
     }
     builder.finish(path, || format!("{} vertices and {num_faces} faces", positions.len()))
 }

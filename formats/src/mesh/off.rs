@@ -80,7 +80,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
         left += 1;
     }
     if left > 0 {
-        builder.notes.push(format!("{left} lines follow behind the {num_faces} faces declared and were not read"));
+        builder.notes.push(format!("{left} lines follow after the {num_faces} declared faces and were not read"));
     }
     builder.finish(path, || format!("{num_vertices} vertices and {num_faces} faces"))
 }

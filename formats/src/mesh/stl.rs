@@ -53,7 +53,7 @@ fn binary(path: &Path, bytes: &[u8], count: u64) -> Result<Mesh, FormatError> {
     }
     let left = bytes.len() - HEADER - count as usize * FACET;
     if left >= FACET {
-        builder.notes.push(format!("{left} bytes follow behind the {count} triangles declared and were not read"));
+        builder.notes.push(format!("{left} bytes follow after the {count} declared triangles and were not read"));
     }
     builder.finish(path, || "no triangle".to_owned())
 }

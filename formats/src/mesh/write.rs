@@ -1,4 +1,4 @@
-//! Meshes of our own: binary PLY with normals and colours, binary STL.
+//! Meshes that we write: binary PLY with normals and colours, binary STL.
 
 use crate::FormatError;
 use crate::run::atomic_write_with;

@@ -78,7 +78,7 @@ impl<'a> Body<'a> {
         };
         if left.0 > 0 {
             notes.push(format!(
-                "{} {} follow behind the rows that the header declares and were not read",
+                "{} {} follow after the rows that the header declares and were not read",
                 left.0, left.1
             ));
         }

@@ -169,7 +169,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Header, FormatError> {
                     [list, count, item, name @ ..] if list.eq_ignore_ascii_case("list") => {
                         let (count, item) = (scalar(count)?, scalar(item)?);
                         if !count.is_integer() {
-                            return Err(refuse(number, "a list whose length is no integer".to_owned(), expected));
+                            return Err(refuse(number, "a list whose length is not an integer".to_owned(), expected));
                         }
                         (Kind::List { count, item }, name)
                     }

@@ -99,7 +99,7 @@ fn what_follows_the_declared_rows_is_said() {
     let rows = "0 0 0\n1 0 0\n0 1 0\n";
     let file = cloud(&format!("{HEAD}end_header\n{rows}5 5 5\n6 6 6\n"));
     assert_eq!(file.cloud.len(), 3);
-    assert!(file.notes[0].contains("2 lines follow behind the rows that the header declares"), "{:?}", file.notes);
+    assert!(file.notes[0].contains("2 lines follow after the rows that the header declares"), "{:?}", file.notes);
     assert!(cloud(&format!("{HEAD}end_header\n{}", rows.replace("1 0 0", "1 0 0 9"))).notes[0].contains("line 9"));
     let binary = HEAD.replace("ascii", "binary_little_endian").replace("vertex 3", "vertex 1") + "end_header\n";
     let text = binary + &"\u{1}".repeat(16 + 5);

@@ -1,4 +1,4 @@
-//! PLY files of our own: binary, doubles.
+//! PLY files that we write: binary, doubles.
 
 use crate::FormatError;
 use crate::run::atomic_write_with;

@@ -1,5 +1,5 @@
 //! COLMAP's `images.txt`: per image a line `ID qw qx qy qz tx ty tz CAMERA NAME`, camera from world, and one of its points,
-//! which may be empty. COLMAP's lengths are metres only where it was told so.
+//! which may be empty. COLMAP's lengths are metres only if the model was scaled to metres.
 
 use super::{FilePose, inverse};
 use crate::{FormatError, Place};

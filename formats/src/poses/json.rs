@@ -119,7 +119,7 @@ fn bop(path: &Path, map: Map<String, Value>) -> Result<Vec<FilePose>, FormatErro
             Value::Array(mut objects) => {
                 if objects.len() != 1 {
                     let found = format!("{} objects", objects.len());
-                    return Err(FormatError::syntax(path, place, found, "one: poses of cameras around one object"));
+                    return Err(FormatError::syntax(path, place, found, "one object: poses of cameras around it"));
                 }
                 let expected = "BOP's cam_R_m2c (9 numbers) and cam_t_m2c (3, millimetres)";
                 let truth: BopTruth = read(path, &place, objects.swap_remove(0), expected)?;

@@ -9,7 +9,7 @@ use std::path::Path;
 pub(super) fn of_cameras(path: &Path, scans: &[DescribedScan]) -> Result<Vec<FilePose>, FormatError> {
     let file = read_poses(path)?;
     if file.of_scans {
-        let expected = "poses of cameras; what places scans is named by placed_by";
+        let expected = "camera poses; for poses of scans use placed_by";
         return Err(FormatError::syntax(path, Place::File, "places of range images", expected));
     }
     let named: Option<Vec<&FilePose>> = scans.iter().map(|scan| named(&file.poses, scan)).collect();

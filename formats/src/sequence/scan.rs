@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3};
 use planning::pose::rigid;
 use std::path::Path;
 
-/// Positions of one camera that are told twice may differ by so much, metres.
+/// Largest difference between two given positions of the same camera, metres.
 const SAME_POSITION_M: f64 = 1e-3;
 /// Depth at which an image has a point may differ by this share.
 const SAME_DEPTH: f64 = 0.05;
@@ -105,7 +105,7 @@ fn camera(
             apart if apart <= SAME_POSITION_M => Ok(Camera::Posed(pose)),
             apart => Err((
                 format!("camera_position_m {apart:.3} m away from the position of its pose"),
-                "the same position in both, or one of them alone",
+                "the same position in both, or only one of them",
             )),
         },
     }

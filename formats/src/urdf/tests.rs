@@ -203,5 +203,5 @@ fn collision_meshes_are_found_in_their_package_and_held_by_balls() {
     let collada = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"arm.urdf\"/>", 1);
     std::fs::write(&path, "<robot/>").expect("written");
     let read = parse_urdf(&path, collada.as_bytes(), "tool0").expect("an arm");
-    assert!(read.notes[0].contains("is not read") && read.notes[0].contains(".stl"), "{:?}", read.notes);
+    assert!(read.notes[0].contains("cannot be read") && read.notes[0].contains(".stl"), "{:?}", read.notes);
 }

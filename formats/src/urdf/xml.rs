@@ -56,7 +56,7 @@ pub(super) fn parse(text: &str) -> Result<Element, (usize, String)> {
             if alone {
                 done = Some(element);
             } else if open.len() >= DEEPEST {
-                return Err(wrong("too many elements in each other".to_owned()));
+                return Err(wrong("elements nested too deeply".to_owned()));
             } else {
                 open.push(element);
             }

@@ -90,7 +90,7 @@ impl Taken {
         }
         let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(TAKE_TIME)));
         ready!(stalled.as_mut().poll(cx));
-        Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "the client does not take its answer")))
+        Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "the client does not read its answer")))
     }
 }
 

@@ -17,7 +17,7 @@ pub fn local_only<B>(request: &Request<B>) -> Result<(), Refusal> {
         _ => {}
     }
     if request.uri().authority().is_some_and(|a| !is_local(a.as_str()) || request.uri().scheme_str() != Some("http")) {
-        return Err(Refusal::new(421, "misdirected", "the request's address is of another service"));
+        return Err(Refusal::new(421, "misdirected", "the request's address belongs to another service"));
     }
     let header = |name: &str| request.headers().get(name).map(|v: &HeaderValue| v.to_str().unwrap_or("?"));
     let foreign_host = header(HOST.as_str()).is_some_and(|host| !is_local(host));

@@ -28,7 +28,7 @@ pub fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
         _ => (text, None),
     };
     if !Path::new(file).exists() {
-        bail!("--pose {text}: neither tx,ty,tz,qx,qy,qz,qw nor a file that can be read");
+        bail!("--pose {text}: neither tx,ty,tz,qx,qy,qz,qw nor a readable file");
     }
     let poses = known_poses(Path::new(file))?;
     let count = poses.len();
@@ -56,13 +56,16 @@ fn known_poses(path: &Path) -> Result<Vec<FilePose>> {
     let file = read_poses(path)?;
     if file.of_scans {
         bail!(
-            "{}: the lines of a .conf place range images, whose cameras stood elsewhere: expected poses of cameras",
+            "{}: a .conf file has the poses of range images, not of their cameras: expected camera poses",
             path.display()
         );
     }
     let off = file.poses.iter().map(|p| p.off).fold(0.0, f64::max);
     if off > NOT_ROUNDING {
-        tracing::warn!("{}: rotations are off by up to {off:.1e}; the nearest ones are taken", path.display());
+        tracing::warn!(
+            "{}: matrices deviate from rotations by up to {off:.1e}; the nearest rotations are used",
+            path.display()
+        );
     }
     Ok(file.poses)
 }
@@ -74,7 +77,7 @@ const NOT_ROUNDING: f64 = 1e-3;
 pub fn rigid(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, String> {
     let (pose, off) = planning::pose::rigid(rows)?;
     if off > NOT_ROUNDING {
-        tracing::warn!("world_from_camera: its rotation is off by {off:.1e}; the nearest one is taken");
+        tracing::warn!("world_from_camera deviates from a rotation by {off:.1e}; the nearest rotation is used");
     }
     Ok(pose)
 }

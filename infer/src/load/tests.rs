@@ -88,7 +88,7 @@ fn pixels_at_the_sensor_are_misses() {
     let Loaded { scan, reading } = from_cloud_file(file, None);
     let Scan::Depth { depth, .. } = scan else { panic!("a depth image was expected") };
     assert_eq!(depth.depth.iter().filter(|&&z| z > 0.0).count(), 64 * 48 - (64 * 48usize).div_ceil(7) - 99);
-    assert!(reading.notes[0].contains("99 points where the sensor was"), "{:?}", reading.notes);
+    assert!(reading.notes[0].contains("99 points at the sensor's position"), "{:?}", reading.notes);
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn the_unit_asked_for_holds_else_the_one_named() {
         let cloud = PointCloud { points: vec![Point3::new(1.0, 2.0, 3.0)], normals: Vec::new() };
         from_cloud_file(CloudFile { cloud, metres_per_unit: Some(0.01), ..Default::default() }, unit)
     };
-    for (unit, x, said) in [(None, 0.01, "as its columns say"), (Some(Unit::M), 1.0, "as asked (--unit)")] {
+    for (unit, x, said) in [(None, 0.01, "as its columns say"), (Some(Unit::M), 1.0, "as requested (--unit)")] {
         let Loaded { scan: Scan::Cloud { cloud, .. }, reading } = file(unit) else { panic!("a cloud was expected") };
         assert_eq!((cloud.points[0].x, reading.metres_per_unit), (x, Some(x)));
         assert!(reading.notes[0].contains(said), "{:?}", reading.notes);
@@ -112,8 +112,8 @@ fn a_principal_point_outside_is_said() {
         let camera = DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
         from_depth_file(file, &camera, Isometry3::identity(), NoReturn::Unknown).map(|loaded| loaded.reading.notes)
     };
-    assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("lies outside"));
-    assert!(notes([64, 48], [60.0, 60.0, 16.0, 12.0]).expect("read")[0].contains("far from its middle"));
+    assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("is outside"));
+    assert!(notes([64, 48], [60.0, 60.0, 16.0, 12.0]).expect("read")[0].contains("far from the middle"));
     assert!(notes([32, 24], [30.0, 30.0, 16.0, 12.0]).expect("read").is_empty());
     assert!(notes([32, 24], [30.0, 30.0, 12.0, 16.0]).expect("read").is_empty(), "cut out of a larger one");
     assert!(notes([32, 24], [30.0, 0.0, 16.0, 12.0]).is_err() && notes([32, 24], [30.0, 30.0, f64::NAN, 1.0]).is_err());
@@ -134,7 +134,7 @@ fn one_pose_of_several_is_asked_for_by_name_or_number() {
     assert_eq!(poses(&path).expect("both").len(), 2);
     let conf = dir.path().join("bun.conf");
     std::fs::write(&conf, "bmesh a.ply 0 0 0 0 0 0 1\n").expect("written");
-    assert!(poses(&conf).expect_err("scans").to_string().contains("place range images"));
+    assert!(poses(&conf).expect_err("scans").to_string().contains("poses of range images"));
 }
 
 #[test]

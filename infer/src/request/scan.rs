@@ -306,7 +306,7 @@ impl DepthRequest<'_> {
             _ => return Err(bad("give world_from_camera, or quaternion_xyzw and translation_m".to_owned())),
         };
         if is_far(&world_from_camera.translation.vector) {
-            return Err(bad("the camera stands farther away than a million metres".to_owned()));
+            return Err(bad("the camera is farther away than a million metres".to_owned()));
         }
         let misses = self.misses.unwrap_or_default();
         let lens = match &self.distortion {

@@ -14,7 +14,7 @@ const ON_DISK: usize = 4 << 10;
 /// Characters of a key at most.
 const KEY: usize = 128;
 
-/// What tells a repeated request from another.
+/// What distinguishes a repeated request from a new one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Key {
     name: String,
@@ -62,7 +62,7 @@ impl Key {
     pub fn new(name: &str, asked: u64) -> Result<Self, Refusal> {
         let printable = name.bytes().all(|b| b.is_ascii_graphic());
         if name.is_empty() || name.len() > KEY || !printable {
-            let message = format!("the key for repetition: expected 1 to {KEY} visible ASCII characters");
+            let message = format!("the idempotency key: expected 1 to {KEY} visible ASCII characters");
             return Err(Refusal::new(400, "bad_key", message));
         }
         Ok(Self { name: name.to_owned(), asked })
@@ -91,7 +91,7 @@ impl Answers {
         let key = key?;
         let (known, answer) = self.kept.iter().find(|(known, _)| known.name == key.name)?;
         if known.asked != key.asked {
-            let message = format!("the key {:?} was used for another request: take a new one", key.name);
+            let message = format!("the key {:?} was used for another request: use a new one", key.name);
             return Some(Err(Refusal::new(409, "key_reused", message)));
         }
         Some(answer.clone())

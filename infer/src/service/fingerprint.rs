@@ -1,4 +1,4 @@
-//! A number that tells one JSON from another, found while reading, whatever its size.
+//! A fingerprint of a JSON text, computed while reading, whatever its size.
 
 use serde::de::{Deserialize, DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use std::fmt;

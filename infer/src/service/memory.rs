@@ -53,7 +53,7 @@ impl Memory {
     /// Why nothing more is lent.
     pub fn full(&self) -> Refusal {
         let message = format!(
-            "requests and sessions hold {} of {} MiB (service.memory_mib): delete sessions that are done, or try again",
+            "requests and sessions hold {} of {} MiB (service.memory_mib): delete finished sessions, or try again",
             self.used() >> 20,
             self.total_kib >> 10
         );

@@ -35,7 +35,7 @@ impl Refusal {
 
     /// Others are before this one for longer than it may take.
     pub fn busy() -> Self {
-        Self::new(503, "busy", "others were served until this request's deadline passed: try again")
+        Self::new(503, "busy", "other requests were served until this request's deadline passed: try again")
     }
 
     /// A fault of the service's own.

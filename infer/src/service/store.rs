@@ -89,7 +89,7 @@ struct ScanHead {
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// Two services, one folder.
-    #[error("{0:?}: another infer keeps its sessions here: stop it, or give another folder")]
+    #[error("{0:?}: in use by another infer: stop it, or give another folder")]
     Taken(PathBuf),
     /// The system refuses.
     #[error("{path:?}: {source}")]
@@ -100,7 +100,7 @@ pub enum StoreError {
         source: std::io::Error,
     },
     /// Not as it is written here.
-    #[error("{path:?}: {reason}: restore the file, or delete the session, whose folder it is in")]
+    #[error("{path:?}: {reason}: restore the file, or delete the session's folder")]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -117,7 +117,7 @@ pub enum StoreError {
 
 impl From<StoreError> for Refusal {
     fn from(error: StoreError) -> Self {
-        Self::new(500, "state", format!("the session cannot be kept, or read again: {error}"))
+        Self::new(500, "state", format!("the session cannot be saved or loaded: {error}"))
     }
 }
 

@@ -80,7 +80,7 @@ impl Service {
         let answer = self.done(entry.id, open, ask, key, patience);
         let bytes = open.memory();
         if open.held.resize(bytes).is_err() {
-            tracing::debug!("a session grew by an answer beyond the memory that was left");
+            tracing::debug!("an answer made a session grow beyond the available memory");
         }
         entry.scans.store(open.session.num_scans(), Ordering::Relaxed);
         entry.bytes.store(bytes, Ordering::Relaxed);
@@ -159,7 +159,7 @@ impl Service {
             |what: String| Refusal::new(507, "session_full", format!("{what}: undo, reset or start another session"));
         let scans = open.session.num_scans();
         if scans >= self.limits.scans {
-            return Err(full(format!("the session has {scans} scans, the most allowed (service.scans)")));
+            return Err(full(format!("the session has {scans} scans, which is the maximum (service.scans)")));
         }
         let notes = reading.notes.clone();
         let report = open.session.add_scan_within(scan, reading, &patience.budget(OnDeadline::Error))?;

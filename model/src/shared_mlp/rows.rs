@@ -36,7 +36,7 @@ pub fn parts(samples: usize, points: usize) -> Vec<Vec<Chunk>> {
     chunks.chunks(per_part).map(<[Chunk]>::to_vec).collect()
 }
 
-/// Fewest rows that are worth a chunk of their own.
+/// Fewest rows that are worth a separate chunk.
 const MIN_CHUNK: usize = 128;
 
 /// Cuts a buffer of rows into the parts' own pieces.

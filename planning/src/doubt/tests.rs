@@ -100,7 +100,7 @@ fn a_view_below_the_table_is_warned_of() {
         session.next_view().expect("an answer").warnings.iter().any(|w| w.contains("constraints.floor_height_m="))
     };
     assert!(warned(true, None), "the plane is evident");
-    assert!(!warned(false, None), "nothing tells of a table");
+    assert!(!warned(false, None), "no sign of a table");
     assert!(!warned(true, Some(-2.0)), "the user said where it is");
 }
 

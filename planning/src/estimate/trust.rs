@@ -1,6 +1,6 @@
 //! How far an estimated camera may be off.
 
-/// How well the density of a cloud's points told its camera.
+/// How well the density of a cloud's points determines its camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trust {
     /// Root of the share of the density that the camera does not explain, in [0, 1].

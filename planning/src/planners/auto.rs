@@ -49,7 +49,7 @@ impl Evidence {
             Self::Depth => "depth images with poses",
             Self::CameraPositions => "clouds with camera positions",
             Self::Clouds => "clouds without a camera position for each",
-            Self::Unplaced => "scans that do not tell where they were taken from",
+            Self::Unplaced => "scans without a camera position",
         }
     }
 }
@@ -104,10 +104,9 @@ pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Resu
         PlannerName::BenbvNet if !has_network => Err(ChooseError::NoWeights),
         PlannerName::Auto if evidence != Evidence::Unplaced => {
             let carves = match evidence {
-                Evidence::DepthWithBackground => "seen and unseen space are told apart",
+                Evidence::DepthWithBackground => "seen and unseen space can be distinguished",
                 Evidence::Clouds => {
-                    "cameras are estimated from the normals and from how densely the surface was sampled, some 3 degrees off \
-                     as a rule and now and then from its wrong side, and space is carved from there"
+                    "cameras are estimated from the normals and the sampling density (usually within 3 degrees, occasionally on the wrong side), and space is carved from there"
                 }
                 _ => "space is known to be free up to the points seen",
             };
@@ -120,8 +119,7 @@ pub fn choose(asked: PlannerName, evidence: Evidence, has_network: bool) -> Resu
         PlannerName::Auto => choice(
             PlannerName::Farthest,
             format!(
-                "there are {has} and no network that could rank (--weights DIR; given views it does not know), so the \
-                 normals stand for the past cameras"
+                "there are {has} and no network that could rank (--weights DIR; it cannot rank given views), so the normals are used instead of the past cameras"
             ),
         ),
         asked => choice(asked, format!("asked for (there are {has})")),
@@ -138,9 +136,7 @@ pub enum ChooseError {
     )]
     NoCameras,
     /// `benbv-net` where the views are given.
-    #[error(
-        "planner benbv-net ranks views at the boundary alone, not given ones: use --planner volumetric or farthest"
-    )]
+    #[error("planner benbv-net only ranks views at the boundary, not given ones: use --planner volumetric or farthest")]
     GivenViews,
     /// `benbv-net` without weights.
     #[error("planner benbv-net needs weights: give --weights DIR with a checkpoint; or use --planner auto")]

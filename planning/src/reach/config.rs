@@ -109,7 +109,7 @@ impl RobotConfig {
                 return wrong(
                     "robot.flange_from_camera",
                     "nothing".to_owned(),
-                    "the hand-eye calibration, in one of both directions",
+                    "the hand-eye calibration, in either direction",
                 );
             }
             (Some(_), Some(_)) => {

@@ -97,11 +97,11 @@ impl RegistrationConfig {
     pub fn check(&self) -> Result<(), ConfigError> {
         let wrong = |key, found: f64, expected| Err(ConfigError { key, found: found.to_string(), expected });
         if !(self.pose_error_m > 0.0 && self.pose_error_m.is_finite()) {
-            let expected = "a length above 0 (register = \"off\" believes poses)";
+            let expected = "a length above 0 (register = \"off\" takes poses as exact)";
             return wrong("registration.pose_error_m", self.pose_error_m, expected);
         }
         if !(self.pose_error_deg > 0.0 && self.pose_error_deg <= 45.0) {
-            let expected = "an angle above 0 and up to 45 (ICP needs a start that is nearly right)";
+            let expected = "an angle above 0 and up to 45 (ICP needs an approximate start)";
             return wrong("registration.pose_error_deg", self.pose_error_deg, expected);
         }
         Ok(())

@@ -16,7 +16,9 @@ const UNSURE: f64 = 0.35;
 #[serde(rename_all = "snake_case")]
 pub enum Unsafe {
     /// Hardly anything to register by.
-    #[error("too little of it lies near the cloud with a like normal ({pairs} points): take a view that overlaps more")]
+    #[error(
+        "too little of it lies near the cloud with a similar normal ({pairs} points): take a view that overlaps more"
+    )]
     TooFewPairs {
         /// Pairs of the last step.
         pairs: usize,
@@ -34,7 +36,7 @@ pub enum Unsafe {
     },
     /// The overlap does not say where it lies.
     #[error(
-        "what it sees again leaves {} of doubt, {} are allowed{}: take a view that sees more of the known surface, from more sides",
+        "the surface it sees again leaves an uncertainty of {}, but {} is allowed{}: take a view that sees more of the known surface, from more sides",
         length(*expected_m), length(*allowed_m), weakest.map_or(String::new(), |motion| format!(" (it may {motion})"))
     )]
     Uncertain {

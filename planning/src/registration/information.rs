@@ -1,4 +1,4 @@
-//! What an overlap tells of a rigid motion: the 6 x 6 matrix of point-to-plane registration (Gelfand et al. 2003).
+//! What an overlap determines of a rigid motion: the 6 x 6 matrix of point-to-plane registration (Gelfand et al. 2003).
 
 use super::{Frame, Motion};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};

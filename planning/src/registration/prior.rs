@@ -1,4 +1,4 @@
-//! What the robot's accuracy tells of a correction before anything is measured, and what is left of the error afterwards.
+//! What the robot's accuracy says about a correction before anything is measured, and what is left of the error afterwards.
 
 use super::Frame;
 use super::icp::Fit;

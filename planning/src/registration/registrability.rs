@@ -1,4 +1,4 @@
-//! What a scan could be registered by, told before it is taken: the known surface that a view would see again.
+//! What a scan could be registered by, predicted before it is taken: the known surface that a view would see again.
 
 use super::{About, Frame, Icp, Information, Motion, PoseError, Registrability, RegistrationConfig};
 use crate::ScanState;

@@ -47,8 +47,8 @@ fn what_is_out_of_range_is_left_out_counted_and_no_background() {
         let report = session.add_scan(scan(misses)).expect("a scan");
         assert_eq!((report.read, report.beyond_sensor), (12_000, 12_000 - 3_600));
         let answer = session.next_view().expect("an answer");
-        assert!(answer.warnings.iter().any(|w| w.contains("8400 of 12000 points nearer or farther")), "{answer:?}");
-        // What was measured beyond is not told to be empty: beside the board it may go on.
+        assert!(answer.warnings.iter().any(|w| w.contains("8400 of 12000 points outside the sensor's range")), "{answer:?}");
+        // What was measured beyond is not declared empty: beside the board it may continue.
         let beside = session.state().scans[0].clone();
         let crate::Seen::Depth { depth, .. } = &beside.seen else { panic!("a depth image") };
         assert!(depth.depth.iter().filter(|z| z.is_nan()).count() == 8_400 && depth.at(0, 0).is_none());
@@ -73,7 +73,7 @@ fn values_without_a_meaning_are_refused() {
     refused(SensorConfig { max_range_m: Some(1.0), ..off }, "working_distance_m");
 }
 
-/// A sheet of 10 cm seen from above, and what is told of views of it.
+/// A sheet of 10 cm seen from above, and the answer about views of it.
 fn told(sensor: SensorConfig, views: &[View]) -> Vec<crate::Candidate> {
     let at = |i: u32| 0.1 * f64::from(i) / 60.0;
     let points = (0..3600).map(|i| Point3::new(at(i % 60), at(i / 60), 0.0)).collect();

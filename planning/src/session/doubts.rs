@@ -28,7 +28,7 @@ impl Session {
         for (number, scan) in (1..).zip(&self.scans) {
             if let Some(doubt) = &scan.doubt {
                 doubts.push(format!(
-                    "the camera position of scan {number} {}; it is not used, and estimated from the points instead",
+                    "the camera position of scan {number} {}; it is ignored, and estimated from the points instead",
                     doubt.describe()
                 ));
             }
@@ -45,8 +45,7 @@ impl Session {
         }
         for number in self.planners.scans_with_distrusted_misses() {
             doubts.push(format!(
-                "scan {number} has pixels without a return where other scans saw surface: its misses are not taken for free \
-                 space (camera.misses, --misses unknown)"
+                "scan {number} has pixels without a return where other scans saw surface: its misses are not treated as free space (camera.misses, --misses unknown)"
             ));
         }
         if let Some(next) = next
@@ -62,8 +61,7 @@ impl Session {
             let camera = height(&Point3::from(next.position_m));
             if camera < lowest && standing > STANDING * points.len() as f64 {
                 doubts.push(format!(
-                    "the camera would be {} below the lowest measured points, a plane that the object seems to stand on: if \
-                     so, constraints.floor_height_m={lowest:.3}, or --support auto where scans show it",
+                    "the camera would be {} below the lowest measured points, a plane that the object seems to stand on: if so, set constraints.floor_height_m={lowest:.3}, or --support auto if the scans show it",
                     length(lowest - camera)
                 ));
             }

@@ -39,16 +39,14 @@ pub enum SessionError {
     },
     /// A scan that is to be moved onto the cloud, and cannot be.
     #[error(
-        "the scan cannot be registered and is left out: {why}; or registration.register = \"check\" takes it as it is"
+        "the scan cannot be registered and is not used: {why}; or registration.register = \"check\" accepts it as it is"
     )]
     Unregistered {
         /// Why.
         why: Unsafe,
     },
     /// An angle of a table that there is none of.
-    #[error(
-        "table angle of {0} degrees, and no turntable: its axis and its stops stand in [turntable] of the settings"
-    )]
+    #[error("table angle of {0} degrees, but no turntable: give its axis and stops under [turntable] in the settings")]
     NoTurntable(f64),
     /// The planner has no view for a reason that is no end.
     #[error(transparent)]

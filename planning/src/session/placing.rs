@@ -204,7 +204,7 @@ impl Cell<'_> {
         let moves = self.config.turntable.as_ref().is_none_or(|t| t.cell_from_camera.is_none());
         let mut objections = self.limits.objections_in_cell(view, in_cell, overlap, &self.known);
         if let Some(height) = self.support.map(|plane| plane.height(&view.position)).filter(|h| *h <= 0.0) {
-            let reason = format!("camera {:.3} m under what the object stands on", -height);
+            let reason = format!("camera {:.3} m below the plane that the object stands on", -height);
             objections.push(Objection { constraint: Constraint::Support, reason });
         }
         let mut cost = if moves { self.limits.travel_cost(in_cell, &self.known) } else { 0.0 };

@@ -63,7 +63,7 @@ fn rank_all(
             Err(error) => return Err(error.into()),
         }
     }
-    // Out of time as soon as all were scored counts as before: that is not told apart.
+    // Out of time as soon as all were scored counts as before: the two are not distinguished.
     let complete = !state.budget.is_spent();
     state.budget.allows(!views.is_empty())?;
     let boundary = BoundaryConfig::default();

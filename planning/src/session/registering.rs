@@ -87,7 +87,7 @@ impl Session {
             (Some(why), false) => Some(format!("scan {scan} was not registered: {why}")),
             _ if found.shift_m < WORTH_TELLING * tolerance => None,
             (_, false) if !found.converged => Some(format!(
-                "scan {scan} could not be checked against the cloud: its registration did not settle, with {:.0} % of it on known \
+                "scan {scan} could not be checked against the cloud: its registration did not converge, with {:.0} % of it on known \
                  surface",
                 100.0 * found.fitness
             )),
@@ -117,7 +117,7 @@ pub(super) fn unregistrable(
 ) -> Option<Objection> {
     let object = |reason| Some(Objection { constraint: Constraint::Registrability, reason });
     if repeats(view, unregistered) {
-        return object("a scan from here could not be registered onto the cloud as it is".to_owned());
+        return object("a scan from here could not be registered onto the current cloud".to_owned());
     }
     demand?.objection(overlap, expected?).and_then(object)
 }

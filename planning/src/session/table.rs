@@ -51,7 +51,7 @@ impl Session {
         self.support
     }
 
-    /// The table's angle at the last scan that tells it, degrees.
+    /// The table's angle at the last scan that has one, degrees.
     pub(super) fn table_deg(&self) -> f64 {
         self.scans.iter().rev().find_map(|scan| scan.reading.table_angle_deg).unwrap_or(0.0)
     }

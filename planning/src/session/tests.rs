@@ -262,7 +262,7 @@ fn copies_are_no_thinning() {
     let report = session.add_scan(Scan::Cloud { cloud, from }).expect("a scan");
     assert_eq!((report.duplicates, report.thinned, report.used), (800, 0, 400));
     let warnings = session.next_view().expect("an answer").warnings;
-    assert!(warnings[0].contains("800 of 1200 points as equal") && warnings.len() == 1, "{warnings:?}");
+    assert!(warnings[0].contains("800 duplicates of 1200 points") && warnings.len() == 1, "{warnings:?}");
 }
 
 #[test]

@@ -28,35 +28,38 @@ impl Session {
         }
         let duplicates = total(|r| r.duplicates);
         if duplicates * 10 > read {
-            warnings.push(format!("left out {duplicates} of {read} points as equal to others"));
+            warnings.push(format!("dropped {duplicates} duplicates of {read} points"));
         }
         if reports().any(|r| r.normals_ignored) {
-            warnings.push("the normals given are too few or do not stand on the surface: estimated anew".to_owned());
+            warnings.push(
+                "the given normals are too few or not perpendicular to the surface: normals were estimated instead"
+                    .to_owned(),
+            );
         }
         let (turned, estimated) = (total(|r| r.normals_turned), total(|r| r.normals_estimated));
         if turned * 10 > used {
-            warnings.push(format!("{turned} of {used} normals given point away from the camera: turned towards it"));
+            warnings.push(format!("{turned} of {used} given normals point away from the camera: flipped"));
         }
         if estimated > 0 {
             warnings.push(format!("{estimated} normals are missing and were estimated"));
         }
         let far: usize = total(|r| r.out_of_range);
         if far > 0 {
-            warnings.push(format!("left out {far} points farther away than {FARTHEST_M:.0e} m: marks for no return?"));
+            warnings.push(format!("dropped {far} points farther away than {FARTHEST_M:.0e} m: markers for no return?"));
         }
         if self.config.support == crate::Support::Auto && self.support.is_none() {
-            let nothing = "support = auto: the first scan shows no plane that the object stands on (level to 30 degrees, beyond it to all sides): all is the object";
+            let nothing = "support = auto: the first scan shows no plane that the object stands on (within 30 degrees of level, on all sides of it): everything is treated as the object";
             warnings.push(nothing.to_owned());
         }
         let (beyond, mixed) = (total(|r| r.beyond_sensor), total(|r| r.mixed_pixels));
         if beyond > 0 {
             warnings.push(format!(
-                "left out {beyond} of {read} points nearer or farther than the sensor measures (sensor.min_range_m, \
+                "dropped {beyond} of {read} points outside the sensor's range (sensor.min_range_m, \
                  sensor.max_range_m)"
             ));
         }
         if mixed > 0 {
-            warnings.push(format!("left out {mixed} pixels between two depths (sensor.drop_mixed_pixels)"));
+            warnings.push(format!("dropped {mixed} mixed pixels between two depths (sensor.drop_mixed_pixels)"));
         }
         let outliers = total(|r| r.outliers);
         if outliers > 0 {
@@ -93,8 +96,7 @@ impl Session {
         let tolerance = self.config.tolerance_m;
         if tolerance > COARSE * diagonal {
             warnings.push(format!(
-                "tolerance_m of {} is coarse for a cloud {} across: views will seem to add nothing (--set tolerance_m={:.1e} \
-                 would serve)",
+                "tolerance_m of {} is coarse for a cloud {} across: views will seem to add nothing (try --set tolerance_m={:.1e})",
                 length(tolerance),
                 length(diagonal),
                 0.01 * diagonal
@@ -111,15 +113,14 @@ impl Session {
         let nearest = self.state.cloud.points.iter().map(|p| (p - position).norm()).fold(f64::INFINITY, f64::min);
         if nearest < 0.5 * distance && !too_large {
             warnings.push(format!(
-                "the camera would stand {} from the measured surface, in or near the cloud, which is {} across: \
-                 a distance of {} would serve (--distance {serves:.3})",
+                "the camera would be {} from the measured surface, in or near the cloud, which is {} across: try a distance of {} (--distance {serves:.3})",
                 length(nearest),
                 length(diagonal),
                 length(serves)
             ));
         } else if diagonal > distance * angle && !too_large {
             warnings.push(format!(
-                "the cloud is {} across and overflows the image at {}: a distance of {} would serve (--distance {serves:.3})",
+                "the cloud is {} across and overflows the image at {}: try a distance of {} (--distance {serves:.3})",
                 length(diagonal),
                 length(distance),
                 length(serves)
@@ -139,7 +140,7 @@ impl Session {
         let left = notes.len().saturating_sub(MOST_NOTES);
         if left > 0 {
             notes.truncate(MOST_NOTES);
-            notes.push(format!("and {left} more such notes on the scans"));
+            notes.push(format!("and {left} more such notes about the scans"));
         }
         notes
     }

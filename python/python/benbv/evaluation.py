@@ -22,7 +22,7 @@ class Policy(Protocol):
     """Where to look next.
 
     One object serves all episodes, its calls never overlap, and it must keep nothing between them. A policy that remembers is
-    given as a class, or as any function that makes one: an object of its own for every episode.
+    given as a class, or as any function that makes one: every episode gets its own object.
     """
 
     def rank_views(self, state: State) -> Iterable[tuple[ArrayLike | Candidate, float]]:

@@ -29,7 +29,7 @@ class KeptScan:
 
     @classmethod
     def of(cls, kind: str, arrays: Mapping[str, ArrayLike | None], words: dict[str, Any], config: dict[str, Any]) -> KeptScan:
-        """With arrays of its own: those of the caller may change."""
+        """With copies of the arrays: the caller's may change."""
         own = {name: np.array(value) for name, value in arrays.items() if value is not None}
         return cls(kind, own, words, config)
 

@@ -152,7 +152,7 @@ class Session:
     ) -> ScanReport:
         """Adds a cloud: `points` (N, 3) in the world frame, metres; NaN for no return.
 
-        Where the camera was is told by `origin`, its position (3,), or by `world_from_camera`, its pose; without either it is
+        The camera is given by `origin`, its position (3,), or by `world_from_camera`, its pose; without either it is
         estimated. `normals` (N, 3) of any length; zero where one is not known.
         """
         camera = {"origin": origin, "world_from_camera": world_from_camera}

@@ -27,7 +27,7 @@ class Candidate:
     """A view that was considered. World frame, metres."""
 
     rank: int
-    """0 is the best of those allowed; those ruled out follow."""
+    """0 is the best of those allowed; the excluded ones follow."""
     score: float
     """Larger is better; the cost of travel is taken off."""
     world_from_camera: NDArray[np.float64]
@@ -89,7 +89,7 @@ class View:
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
-        """All views considered, best first, those ruled out last."""
+        """All views considered, best first, excluded ones last."""
         return tuple(Candidate._of(c) for c in self.raw["candidates"])
 
     @cached_property

@@ -142,7 +142,7 @@ fn a_scan_that_got_no_view_is_planned_on_before_another_is_taken() {
     come(&inbox, sheet());
     planner.no_view.store(true, std::sync::atomic::Ordering::SeqCst);
     let (late, published) = desk.plan(&config(), "", &header(), &mut pending);
-    assert_eq!(late.message, "x: the scan was added, and no view was had (plan again): it took too long");
+    assert_eq!(late.message, "x: the scan was added, but planning failed (plan again): it took too long");
     assert_eq!(published, None);
     planner.no_view.store(false, std::sync::atomic::Ordering::SeqCst);
     come(&inbox, sheet());

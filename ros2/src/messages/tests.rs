@@ -1,4 +1,4 @@
-//! Bytes that rclpy's serialisation (of Fast DDS) and cyclonedds made of messages of our own.
+//! Bytes that rclpy's serialisation (of Fast DDS) and cyclonedds made of our messages.
 
 use super::*;
 use byteorder::LittleEndian;

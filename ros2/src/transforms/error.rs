@@ -51,7 +51,7 @@ pub enum TransformError {
         kept_s: f64,
     },
     /// A frame that stands in itself by way of others.
-    #[error("the transforms go in a circle at {frame:?}")]
+    #[error("the transforms form a cycle at {frame:?}")]
     Circle {
         /// One of them.
         frame: String,

@@ -56,7 +56,7 @@ impl Transforms {
         const SHOWN: usize = 12;
         let frames: Vec<&str> = self.frames().into_iter().collect();
         match frames.len() {
-            0 => "none has come on /tf or /tf_static".to_owned(),
+            0 => "none has arrived on /tf or /tf_static".to_owned(),
             n if n <= SHOWN => frames.join(", "),
             n => format!("{}, and {} more", frames[..SHOWN].join(", "), n - SHOWN),
         }

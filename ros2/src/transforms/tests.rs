@@ -79,7 +79,7 @@ fn what_is_missing_is_said() {
     assert!(old.to_string().starts_with("the message is 1.000 s older than the oldest transform kept"), "{old}");
     assert_eq!([&unknown, &new, &old].map(TransformError::may_come), [true, true, false]);
     let none = Transforms::new(Duration::from_secs(1)).lookup("base", "camera", None).expect_err("nothing");
-    assert!(none.to_string().contains("none has come on /tf or /tf_static"), "{none}");
+    assert!(none.to_string().contains("none has arrived on /tf or /tf_static"), "{none}");
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn a_circle_is_no_tree() {
     for (parent, child) in [("a", "b"), ("b", "c"), ("c", "a")] {
         known.take(&transform(parent, child, 0, &moved(1.0, 0.0)), true);
     }
-    assert_eq!(known.lookup("x", "a", None).expect_err("a circle"), TransformError::Circle { frame: "a".to_owned() });
+    assert_eq!(known.lookup("x", "a", None).expect_err("a cycle"), TransformError::Circle { frame: "a".to_owned() });
 }
 
 #[test]

@@ -66,7 +66,7 @@ fn decimal_commas_are_read_or_refused() {
         assert_eq!(file.cloud.points[0].coords, nalgebra::Vector3::new(0.125, -2.5, 0.001), "{text:?}");
         assert_eq!(file.cloud.points[1].y, 0.5, "{text:?}");
     }
-    assert!(read("0,5 0,25 1,0\n").unwrap().notes[0].contains("decimal marks"));
+    assert!(read("0,5 0,25 1,0\n").unwrap().notes[0].contains("decimal separators"));
     let error = |t: &str| read(t).expect_err(t).to_string();
     assert!(error("-0,000010,-0,007477,0,105884\n").contains("line 1: found \"000010\""));
     assert!(error("x,y,z\n0,5,0,25,1,5\n").contains("line 2: found 6 values, expected 3, as line 1 names columns"));
@@ -91,9 +91,9 @@ fn missing_values_are_refused_with_their_line() {
 
 #[test]
 fn counts_and_colours_are_said() {
-    assert!(read("1 2 3\nn/a 5 6\n").unwrap().notes[0].contains("1 points have a coordinate that is no finite number"));
+    assert!(read("1 2 3\nn/a 5 6\n").unwrap().notes[0].contains("1 points have a non-finite coordinate"));
     let notes = |t: &str| read(t).unwrap_or_else(|e| panic!("{t:?}: {e}")).notes;
-    assert!(notes("3\n1 2 3\n4 5 6\n")[0].contains("says 3, 2 are there"));
+    assert!(notes("3\n1 2 3\n4 5 6\n")[0].contains("says 3, but there are 2"));
     assert!(notes("2\n1 2 3\n4 5 6\n").is_empty());
     assert!(notes("1 2 3 1 0 0\n4 5 6 1 0 0\n")[0].contains("columns 4 to 6"), "one colour for all");
     assert!(notes("1 2 3 0.2 0.3 0.4\n4 5 6 0 0 1\n")[0].contains("columns 4 to 6"));

@@ -26,7 +26,7 @@ fn errors_name_line_found_and_expected() {
     assert!(text("OFF1000000000000 1 0\n").contains("1000000000000 vertices declared"));
     assert!(text("OFF BINARY\n").contains("expected OFF"));
     assert!(text("solid x\n").contains("line 1"));
-    assert!(text("").contains("nothing in it"));
+    assert!(text("").contains("nothing usable"));
     assert!(text("OFF 0 0 0").contains("found 0 vertices and 0 faces"));
 }
 

@@ -28,12 +28,12 @@ impl Carved {
         self.silhouette.as_deref().filter(|_| self.trusted)
     }
 
-    /// Whether what lies behind nothing is told apart from what is not known.
+    /// Whether space behind misses is distinguished from unknown space.
     pub(super) fn carves(&self) -> bool {
         self.misses == NoReturn::Free || self.background().is_some()
     }
 
-    /// Whether its misses were told to be free space and are not.
+    /// Whether its misses were declared free space and are not.
     fn is_distrusted(&self) -> bool {
         self.misses != told_misses(&self.scan)
     }
@@ -112,7 +112,7 @@ impl VolumetricPlanner {
         any
     }
 
-    /// The scans, from 1, whose misses were told to be free space though other scans saw surface there.
+    /// The scans, from 1, whose misses were declared free space although other scans saw surface there.
     pub fn scans_with_distrusted_misses(&self) -> Vec<usize> {
         (1..).zip(&self.carved).filter(|(_, c)| c.is_distrusted()).map(|(number, _)| number).collect()
     }

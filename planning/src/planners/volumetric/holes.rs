@@ -63,7 +63,7 @@ impl Unseen {
             Self::OutsideImage => "in no image yet",
             Self::FacesAway => "faces away from all cameras so far",
             Self::Hidden => "hidden behind other parts so far",
-            Self::NoReturn => "looked at, but nothing was measured there",
+            Self::NoReturn => "in view, but nothing was measured there",
         }
     }
 }
