@@ -61,7 +61,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
             Ok(ExitCode::from(program::STOPPED))
         }
-        Ended::Finished { rows, contents } => summary(args, &rows, &contents).map(|()| ExitCode::SUCCESS),
+        Ended::Finished { rows, contents } => summary(args, &config, &rows, &contents).map(|()| ExitCode::SUCCESS),
     }
 }
 
@@ -132,13 +132,17 @@ fn progress() -> ProgressBar {
     bar
 }
 
-fn summary(args: &Args, rows: &Rows, contents: &journal::Contents) -> anyhow::Result<()> {
+fn summary(args: &Args, config: &EvaluateConfig, rows: &Rows, contents: &journal::Contents) -> anyhow::Result<()> {
     if args.json {
         return Ok(program::print_line(serde_json::to_string(rows)?)?);
     }
     let (episodes, skipped) = (contents.episodes.len(), contents.skipped.len());
     let place = args.out.join("report.html");
-    let table = rows.recorded_table().unwrap_or_else(|| rows.overall()).to_markdown();
+    let mut table = rows.recorded_table().unwrap_or_else(|| rows.overall()).to_markdown();
+    if args.preset.is_some() {
+        let order = report::policy_order(contents, &config.policies);
+        table.push_str(&report::paper::beside_the_paper(contents, config, &order).to_markdown());
+    }
     Ok(program::print_line(format_args!("{table}\n{episodes} episodes, {skipped} skipped; see {place:?}"))?)
 }
 

@@ -83,3 +83,14 @@ fn a_run_without_usable_objects_fails_and_a_run_prints_typed_rows() {
         "{summary}"
     );
 }
+
+#[test]
+fn the_papers_values_are_printed_beside_ours() {
+    let directory = tempfile::tempdir().expect("dir");
+    let set = ["--dataset", "procedural", "--objects", "1", "--episodes", "1", "--set", "episode.num_views=1"];
+    let policies = ["--preset", "paper", "--policies", "random-boundary", "--baseline", "random-boundary"];
+    let (code, table, message) = run(directory.path(), &[&set[..], &policies].concat());
+    assert_eq!(code, Some(0), "{message}");
+    assert!(table.contains("| random-boundary | here | "), "{table}");
+    assert!(table.contains("| random-boundary | paper | 94.28 | 23.55 | 0.11 | 5.91 | 9.50 | 9.93 |"), "{table}");
+}

@@ -47,7 +47,10 @@ fn what_is_out_of_range_is_left_out_counted_and_no_background() {
         let report = session.add_scan(scan(misses)).expect("a scan");
         assert_eq!((report.read, report.beyond_sensor), (12_000, 12_000 - 3_600));
         let answer = session.next_view().expect("an answer");
-        assert!(answer.warnings.iter().any(|w| w.contains("8400 of 12000 points outside the sensor's range")), "{answer:?}");
+        assert!(
+            answer.warnings.iter().any(|w| w.contains("8400 of 12000 points outside the sensor's range")),
+            "{answer:?}"
+        );
         // What was measured beyond is not declared empty: beside the board it may continue.
         let beside = session.state().scans[0].clone();
         let crate::Seen::Depth { depth, .. } = &beside.seen else { panic!("a depth image") };

@@ -103,7 +103,9 @@ fn a_small_file_does_not_become_gigabytes() {
     let bytes = [head.as_bytes(), &sizes, &vec![0; packed as usize]].concat();
     let text = parse(Path::new("a.pcd"), &bytes).expect_err("large").to_string();
     assert!(
-        text.contains("28000000 points would take 2002 MiB of memory, but a file of this size may take at most 286 MiB"),
+        text.contains(
+            "28000000 points would take 2002 MiB of memory, but a file of this size may take at most 286 MiB"
+        ),
         "{text}"
     );
 }
