@@ -21,6 +21,7 @@ Examples:
   infer --scan a.ply b.ply --from 0,0,1 0.7,0,0.7 --register refine --pose-error 0.002,0.3
   infer --config cell.toml --depth d.png --pose p.json --table-angle-deg 30
   infer --scan a.ply --from 0,0,1 --support auto --robot samples/robots/ur5e.urdf --tool tool0 --flange-from-camera hand_eye.json
+  infer --scan a.ply --from 0,0,1 --check-with 'python3 my_moveit.py'
   infer --scan a.ply --from 0,0,1 --plan views.csv --plan-views 6
   infer --session part7 --scan c.ply --from 0.8,0.2,0.9
   infer --object procedural:3 --views 10 --report loop.html --mesh part.ply
@@ -172,6 +173,17 @@ pub struct Args {
     /// The inverse: the link's pose in the camera frame
     #[arg(help_heading = ARM, hide_short_help = true, long, value_name = "FILE|NUMBERS", requires = "robot")]
     pub camera_from_flange: Option<String>,
+    /// Program that decides which views can be taken
+    ///
+    /// For instance one that asks MoveIt: JSON lines over its stdin and stdout, yes or no for each candidate, with a cost or a reason.
+    /// docs/robots.md, 'A motion planner of your own'.
+    #[arg(help_heading = ARM, long, value_name = "COMMAND")]
+    pub check_with: Option<String>,
+    /// Time for each of its answers [default: 60]
+    ///
+    /// One question holds all candidates.
+    #[arg(help_heading = ARM, hide_short_help = true, long, value_name = "SECONDS", default_value_t = 60.0, hide_default_value = true, value_parser = seconds, requires = "check_with")]
+    pub check_timeout: f64,
     /// Print the answer as JSON
     #[arg(help_heading = OUTPUT, long, conflicts_with = "serve")]
     pub json: bool,
@@ -310,6 +322,11 @@ fn support(text: &str) -> Result<Support, String> {
             support.check().map(|()| support).map_err(|e| e.to_string())
         }
     }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let within = |s: &f64| (0.001..=86_400.0).contains(s);
+    text.parse::<f64>().ok().filter(within).ok_or_else(|| format!("{text:?}: expected 0.001 to 86,400 seconds"))
 }
 
 fn angle(text: &str) -> Result<f64, String> {

@@ -1,6 +1,7 @@
 //! A shell around the crate `planning` for real scans: the program `infer`, and what the Python package shares with it.
 
 mod args;
+mod check;
 mod direct;
 mod frustums;
 mod http;

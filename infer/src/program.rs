@@ -3,8 +3,8 @@
 use crate::args::Args;
 use crate::load::{self, DepthCamera, Loaded};
 use crate::report::{ReportInput, report_html};
-use crate::service::{self, ServeConfig, Service};
-use crate::{frustums, http, kept, lines, plan, simulate, weights};
+use crate::service::{self, Asks, ServeConfig, Service};
+use crate::{check, frustums, http, kept, lines, plan, simulate, weights};
 use anyhow::{Context, Result, bail};
 use formats::Flag;
 use formats::camera::read_camera;
@@ -14,12 +14,14 @@ use geometry::Lens;
 use nalgebra::Isometry3;
 use planning::pose::Pose;
 use planning::registration::Register;
+use planning::session::{Request, ViewCheck};
 use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
 use ros2::Ros2Config;
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Levels of messages. RustDDS warns of every message that is larger than a packet; of its socket's buffer it is worth hearing.
 const LEVELS: [&str; 3] = [
@@ -73,6 +75,9 @@ fn run(args: &Args) -> Result<ExitCode> {
         if let Some(folder) = &args.state {
             service = service.keeping_state(folder).with_context(|| format!("--state {}", folder.display()))?;
         }
+        if let Some(check) = checked_by(args) {
+            service = service.checking_with(check, Asks::Always);
+        }
         return serve(service, args.ros2.as_ref().map(|_| &node), args).map(|()| ExitCode::SUCCESS);
     }
     if let Some(object) = &args.object {
@@ -94,6 +99,12 @@ fn run(args: &Args) -> Result<ExitCode> {
     answer(&mut session, args)
 }
 
+/// The program of `--check-with`.
+pub(crate) fn checked_by(args: &Args) -> Option<ViewCheck> {
+    let timeout = Duration::from_secs_f64(args.check_timeout);
+    args.check_with.as_deref().map(|command| check::program(command, timeout))
+}
+
 /// The next view, printed and drawn.
 fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
     if let Some(path) = &args.views_from {
@@ -102,7 +113,7 @@ fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
         }
         session.set_given_views(load::poses(path)?);
     }
-    let answer = session.next_view()?;
+    let answer = session.next_view_for(&Request { check: checked_by(args), ..Request::default() })?;
     if let Some(path) = &args.plan {
         plan::write(path, session.scan_plan(&answer, args.plan_views).as_ref())?;
     }
@@ -286,22 +297,23 @@ fn write_files(
 }
 
 fn serve(service: Service, node: Option<&Ros2Config>, args: &Args) -> Result<()> {
-    let service = Arc::new(service);
     let stop = stop_when_asked("stopping after answering running requests; press again to stop immediately")?;
     #[cfg(feature = "ros2")]
     if let Some(config) = node {
-        return crate::node::serve(&service, config, args.http, stop);
+        return crate::node::serve(&Arc::new(service), config, args.http, stop);
     }
     if node.is_some() {
         bail!(
             "--ros2: this infer was built without ROS 2; cargo install --path infer --features ros2 builds one with it"
         );
     }
-    match args.http {
-        Some(address) => http::serve(service, address, stop, || false).with_context(|| format!("--http {address}")),
-        None => {
-            let input = std::io::BufReader::new(std::io::stdin());
-            lines::serve(&service, input, std::io::stdout().lock(), stop).context("stdin and stdout")
-        }
+    if let Some(address) = args.http {
+        let served = http::serve(Arc::new(service), address, stop, || false);
+        return served.with_context(|| format!("--http {address}"));
     }
+    let input = std::io::BufReader::new(std::io::stdin());
+    let client = Arc::new(lines::Client::new(input, std::io::stdout(), service.limits().body()));
+    let service =
+        if args.check_with.is_some() { service } else { service.checking_with(client.check(), Asks::WhereRequested) };
+    lines::serve(&service, &client, stop).context("stdin and stdout")
 }

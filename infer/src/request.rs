@@ -183,4 +183,6 @@ pub struct NextRequest {
     pub deadline_ms: Option<u64>,
     /// What to do when that has passed.
     pub on_deadline: OnDeadline,
+    /// Whether the client is asked which views it can take; over stdin and stdout.
+    pub check: bool,
 }

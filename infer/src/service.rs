@@ -23,6 +23,7 @@ pub use work::Open;
 use crate::request::{CreateRequest, over};
 use hyper::body::Bytes;
 use planning::config::MAX_POINTS;
+use planning::session::ViewCheck;
 use planning::{Network, SessionConfig, SessionError};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -115,6 +116,15 @@ impl Entry {
     }
 }
 
+/// When a check of views is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asks {
+    /// Of every next view.
+    Always,
+    /// Where a request says `check`.
+    WhereRequested,
+}
+
 #[derive(Default)]
 struct Sessions {
     last: u64,
@@ -132,6 +142,7 @@ pub struct Service {
     store: Option<Store>,
     sessions: Mutex<Sessions>,
     count: AtomicUsize,
+    check: Option<(ViewCheck, Asks)>,
     /// Nothing new is begun.
     pub stopping: Flag,
     /// What runs ends now.
@@ -164,7 +175,14 @@ impl Service {
     pub fn new(config: SessionConfig, network: Option<Network>, limits: ServiceConfig) -> Self {
         let (memory, count) = (Memory::new(limits.memory_mib), AtomicUsize::new(0));
         let [stopping, halted] = [Flag::default(), Flag::default()];
-        Self { config, network, limits, memory, store: None, sessions: Mutex::default(), count, stopping, halted }
+        let (store, check, sessions) = (None, None, Mutex::default());
+        Self { config, network, limits, memory, store, sessions, count, check, stopping, halted }
+    }
+
+    /// The same where somebody knows which views can be taken.
+    #[must_use]
+    pub fn checking_with(self, check: ViewCheck, asks: Asks) -> Self {
+        Self { check: Some((check, asks)), ..self }
     }
 
     /// The same with the sessions of a folder, in which all is kept from now on. Each is read when it is first asked for.

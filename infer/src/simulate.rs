@@ -13,6 +13,7 @@ use geometry::sampling::poisson_disk_sample;
 use geometry::{Mesh, PinholeCamera, PointCloud, View, rng};
 use nalgebra::{Isometry3, Point3};
 use planning::pose::Pose;
+use planning::session::Request;
 use planning::{Answer, Candidate, PlanError, RankedView, Reached, Session, Support};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -111,9 +112,10 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
         show(&step);
         steps.push(step);
     };
+    let request = Request { check: crate::program::checked_by(args), ..Request::default() };
     let decide = |session: &mut Session, progress: &Progress, _: &mut ChaCha8Rng| {
         step(progress.view, progress.coverage, progress.overlap, answers.last());
-        let answer = session.next_view().map_err(|error| {
+        let answer = session.next_view_for(&request).map_err(|error| {
             let plan = PlanError::failed("auto", error.to_string());
             failed = Some(error);
             plan
@@ -150,7 +152,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
         _ => {
             let (view, coverage) = (episode.views[episode.views.len() - 1], episode.final_coverage());
             step(&view, coverage, episode.overlaps.last().copied().flatten(), answers.last());
-            (session.next_view()?, format!("{} next views were taken", args.views))
+            (session.next_view_for(&request)?, format!("{} next views were taken", args.views))
         }
     };
     let poses = episode.views.iter().map(View::world_from_camera).collect();

@@ -208,6 +208,11 @@ impl Reach {
         self.frames(joints).last().copied().unwrap_or(self.cell_from_base) * self.last_from_camera
     }
 
+    /// The flange in the arm's base where the camera is there in the cell.
+    pub fn base_from_flange(&self, cell_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
+        self.cell_from_base.inverse() * cell_from_camera * self.config.flange_from_camera().inverse()
+    }
+
     /// For an answer.
     pub fn reached(&self, joints: &Joints) -> Reached {
         let home = self.home();

@@ -1,6 +1,7 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
 mod bounds;
+mod checking;
 mod doubts;
 mod error;
 mod merging;
@@ -21,14 +22,16 @@ use crate::planners::auto::{AutoPlanner, Choice, Network};
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
 use crate::{Accumulate, Budget, Evidence, Plane, Planner, Reach, ScanState};
+use checking::Considered;
 use geometry::{PointCloud, Reconstruction, reconstruct};
 use nalgebra::{Isometry3, Point3};
 use ranking::{Ranking, rank};
 use std::sync::Arc;
 
+pub use checking::{AskedView, Verdict, ViewCheck};
 pub use error::SessionError;
 pub use placing::Placed;
-pub use request::{ReachCheck, Request};
+pub use request::Request;
 pub use scan_plan::{PlannedView, ScanPlan};
 
 /// A camera within this share of the working distance of a given view has scanned from there.
@@ -283,10 +286,13 @@ impl Session {
         request: &Request,
     ) -> Result<Answer, SessionError> {
         let budget = &request.budget;
-        let cell = self.cell(current, choice.planner, request.reach.as_ref());
-        let mut candidates: Vec<Candidate> =
-            cell.candidates(&ranking.views).take_while(|_| budget.allows(true).is_ok()).collect();
+        let cell = self.cell(current, choice.planner);
+        let mut views: Vec<_> = cell.considered(&ranking.views).take_while(|_| budget.allows(true).is_ok()).collect();
         budget.allows(true)?;
+        if let Some(check) = &request.check {
+            check.judge(&mut views, self.reach.as_deref(), budget)?;
+        }
+        let mut candidates: Vec<Candidate> = views.into_iter().map(Considered::candidate).collect();
         let travel = |c: &Candidate| current.map_or(0.0, |from| (c.position_in_cell() - from).norm());
         // Of given views that are equally good the nearer. Stable: equal ones stay in the planner's order.
         candidates.sort_by(|a, b| {

@@ -6,7 +6,7 @@ use formats::config::{load, overlaid};
 use geometry::{Lens, PointCloud};
 use infer::load::{DepthCamera, Loaded};
 use nalgebra::{Isometry3, Point3};
-use planning::session::{ReachCheck, Request};
+use planning::session::{AskedView, Request, Verdict, ViewCheck};
 use planning::{Budget, NoReturn, Reading, Scan, SessionConfig};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -43,29 +43,51 @@ fn misses(text: Option<&str>, usual: NoReturn) -> Result<NoReturn, Fault> {
     }
 }
 
-/// Asks Python whether a pose can be reached. What that raises is kept, and nothing is asked any more.
-fn asking(check: Py<PyAny>, raised: Arc<Mutex<Option<PyErr>>>) -> ReachCheck {
-    ReachCheck::new(move |pose| {
-        if lock(&raised).is_some() {
-            return None;
+/// What Python says of a view.
+fn verdict(answer: &Bound<'_, PyAny>) -> PyResult<Verdict> {
+    let no = |reason: String| Ok(Verdict::Unreachable { reason });
+    if answer.is_none() {
+        return Ok(Verdict::Reachable { cost: 0.0 });
+    }
+    match answer.extract::<bool>() {
+        Ok(true) => return Ok(Verdict::Reachable { cost: 0.0 }),
+        Ok(false) => return no("not reachable".to_owned()),
+        Err(_) => {}
+    }
+    if let Ok(reason) = answer.extract::<String>() {
+        return no(reason);
+    }
+    // Of a whole number nobody knows whether it is meant as a cost, or as true or false.
+    if let (Ok(cost), Err(_)) = (answer.extract::<f64>(), answer.extract::<i64>()) {
+        return Ok(Verdict::Reachable { cost });
+    }
+    if let Ok((reachable, said)) = answer.extract::<(bool, Bound<'_, PyAny>)>() {
+        if let (true, Ok(cost)) = (reachable, said.extract::<f64>()) {
+            return Ok(Verdict::Reachable { cost });
         }
-        let asked = Python::attach(|py| {
-            let answer = check.bind(py).call1((arrays::of_pose(py, pose)?,))?;
-            if answer.is_none() {
-                return Ok(None);
-            }
-            match answer.extract::<bool>() {
-                Ok(true) => Ok(None),
-                Ok(false) => Ok(Some("not reachable".to_owned())),
-                Err(_) => answer.extract::<String>().map(Some).map_err(|_| {
-                    let kind = answer.get_type();
-                    PyTypeError::new_err(format!("reachable returned a {kind}, expected True, False or the reason"))
-                }),
-            }
-        });
-        asked.unwrap_or_else(|error| {
+        if let (false, Ok(reason)) = (reachable, said.extract::<String>()) {
+            return no(reason);
+        }
+    }
+    Err(PyTypeError::new_err(format!(
+        "reachable returned {} ({}), expected True, a cost (float) or (True, cost), or False, the reason (str) or (False, reason)",
+        answer.repr().map_or_else(|_| "?".to_owned(), |r| r.to_string()),
+        answer.get_type()
+    )))
+}
+
+/// Asks Python of each view, by its pose. What that raises is kept.
+fn asking(check: Py<PyAny>, raised: Arc<Mutex<Option<PyErr>>>) -> ViewCheck {
+    let ask = move |view: &AskedView| {
+        Python::attach(|py| {
+            let pose = arrays::of_rows(py, &view.cell_from_camera.matrix)?;
+            verdict(&check.bind(py).call1((pose,))?)
+        })
+    };
+    ViewCheck::new(move |views, _| {
+        views.iter().map(&ask).collect::<PyResult<_>>().map_err(|error| {
             *lock(&raised) = Some(error);
-            None
+            "reachable raised an exception".to_owned()
         })
     })
 }
@@ -217,15 +239,16 @@ impl RobotSession {
     ) -> PyResult<(String, Option<String>)> {
         let position = position.map(|p| arrays::position("position", p)).transpose()?;
         let raised = Arc::new(Mutex::new(None));
-        let reach = reachable.map(|check| asking(check, Arc::clone(&raised)));
+        let check = reachable.map(|check| asking(check, Arc::clone(&raised)));
         let current_position_m = position.map(|p| p.coords.into());
-        let request = Request { current_position_m, reach, ..Request::default() };
+        let request = Request { current_position_m, check, ..Request::default() };
         self.work(py, |session| {
-            let answer = session.next_view_for(&request)?;
-            match lock(&raised).take() {
-                Some(error) => Err(Fault::Raised(error)),
-                None => Ok((as_json(&answer)?, answer.next.is_none().then(|| answer.no_view_reason()))),
+            let answer = session.next_view_for(&request);
+            if let Some(error) = lock(&raised).take() {
+                return Err(Fault::Raised(error));
             }
+            let answer = answer?;
+            Ok((as_json(&answer)?, answer.next.is_none().then(|| answer.no_view_reason())))
         })
     }
 

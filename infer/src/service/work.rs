@@ -2,7 +2,8 @@
 
 use super::store::Record;
 use super::{
-    Answers, Entry, Held, Key, Memory, Method, OnDeadline, Patience, Refusal, Reply, Service, Store, Written, lock,
+    Answers, Asks, Entry, Held, Key, Memory, Method, OnDeadline, Patience, Refusal, Reply, Service, Store, Written,
+    lock,
 };
 use crate::load::Loaded;
 use crate::request::{Ask, Body, NextRequest, over};
@@ -133,7 +134,7 @@ impl Service {
                 let scan = meant(*scan, misses, open.session.config());
                 self.add_scan(open, scan, patience)
             }
-            Ask::NextView(request) => next_view(open, request, patience),
+            Ask::NextView(request) => self.next_view(open, request, patience),
             Ask::Undo if open.session.undo() => Reply::of(&json!({ "scans": open.session.num_scans() })),
             Ask::Undo => Err(SessionError::NoScan.into()),
             Ask::Reset => {
@@ -174,6 +175,29 @@ impl Service {
             return Err(refusal);
         }
         Reply::of(&json!({ "scans": open.session.num_scans(), "report": report, "notes": notes }))
+    }
+
+    fn next_view(&self, open: &mut Open, request: NextRequest, patience: &Patience) -> Result<Reply, Refusal> {
+        let current_position_m = request.current_position_m;
+        if current_position_m.is_some_and(|p| !p.iter().all(|x| x.abs() <= FARTHEST_M)) {
+            let message = "current_position_m: farther away than a million metres";
+            return Err(Refusal::new(400, "bad_position", message));
+        }
+        let check = match (&self.check, request.check) {
+            (None, true) => {
+                let message = "check: nobody can be asked here; over stdin the client is, and `infer --check-with` names a program";
+                return Err(Refusal::new(400, "no_check", message));
+            }
+            (Some((_, Asks::WhereRequested)), false) => None,
+            (check, _) => check.as_ref().map(|(check, _)| check.clone()),
+        };
+        if request.config.is_some() {
+            let config = over(open.session.config(), request.config)?;
+            super::check(&config)?;
+            open.session.configure(config)?;
+        }
+        let budget = patience.budget(request.on_deadline);
+        Reply::of(&open.session.next_view_for(&Request { current_position_m, budget, check })?)
     }
 
     /// Reads a session that has not been read, or could not be written.
@@ -219,21 +243,6 @@ fn meant(mut loaded: Loaded, given: Option<NoReturn>, config: &SessionConfig) ->
         *misses = config.misses;
     }
     loaded
-}
-
-fn next_view(open: &mut Open, request: NextRequest, patience: &Patience) -> Result<Reply, Refusal> {
-    let current_position_m = request.current_position_m;
-    if current_position_m.is_some_and(|p| !p.iter().all(|x| x.abs() <= FARTHEST_M)) {
-        let message = "current_position_m: farther away than a million metres";
-        return Err(Refusal::new(400, "bad_position", message));
-    }
-    if request.config.is_some() {
-        let config = over(open.session.config(), request.config)?;
-        super::check(&config)?;
-        open.session.configure(config)?;
-    }
-    let budget = patience.budget(request.on_deadline);
-    Reply::of(&open.session.next_view_for(&Request { current_position_m, budget, reach: None })?)
 }
 
 fn export(session: &Session) -> Result<Reply, Refusal> {

@@ -49,6 +49,21 @@ fn the_camera_is_where_the_links_put_it() {
 }
 
 #[test]
+fn the_flange_is_told_in_the_arms_base() {
+    let cell_from_base = Isometry3::from_parts(
+        Vector3::new(0.5, -0.2, 0.1).into(),
+        UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2),
+    );
+    let config = RobotConfig { cell_from_base: Some(crate::pose::Pose::from(&cell_from_base).matrix), ..planar(3.0) };
+    let reach = Reach::new(&config);
+    let mut joints = [0.0; MOST_JOINTS];
+    (joints[0], joints[1]) = (std::f64::consts::FRAC_PI_2, -std::f64::consts::FRAC_PI_2);
+    let flange = reach.base_from_flange(&reach.camera(&joints));
+    assert!((flange.translation.vector - Vector3::new(0.0, 0.4, 0.0)).norm() < 1e-9, "at the second joint: {flange}");
+    assert!(flange.rotation.angle() < 1e-9, "turned there and back: {flange}");
+}
+
+#[test]
 fn no_joint_turns_farther_than_it_must() {
     let mut config = planar(6.2);
     config.joints = vec![0.1, -0.1];

@@ -54,6 +54,9 @@ pub enum SessionError {
     /// It took too long, or nobody waits any longer; the session is as it was.
     #[error(transparent)]
     Stopped(#[from] Stopped),
+    /// Who was to say where the camera gets to did not.
+    #[error("no view is answered, for they could not be checked: {0}")]
+    Check(String),
     /// Travel is limited or weighed, from nowhere.
     #[error(
         "max_travel_m and travel_weight_per_m need the camera's position: set constraints.current_position_m, \

@@ -36,7 +36,8 @@ impl Session {
         cell.limits = ConstraintsConfig { max_travel_m: None, visited_radius_m: None, ..cell.limits };
         // Thousands of views: an arm is asked about the candidates alone.
         cell.arm = None;
-        let others = |view: &View| cell.place(view, &cell.pose(view, None), None, None).objections.is_empty();
+        let others =
+            |view: &View| cell.places(view, &cell.pose(view, None), None, None).iter().any(|p| p.objections.is_empty());
         let any_other = self.given_views.is_empty();
         let allowed = Allowed { candidates: &allowed, others: any_other.then_some(&others) };
         Some(Missing::of(self.planners.holes(planner, &self.state, &allowed), &surface))

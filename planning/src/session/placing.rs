@@ -1,7 +1,8 @@
 //! A planner's views as candidates: where the camera stands in the cell, where a turntable stops, and what speaks against each.
 
+use super::checking::Considered;
 use super::registering::unregistrable;
-use super::{ReachCheck, SAME_PLACE, Session};
+use super::{SAME_PLACE, Session};
 use crate::answer::Candidate;
 use crate::config::{PlannerName, SessionConfig};
 use crate::constraints::{Box3, Constraint, ConstraintsConfig, Objection, Surroundings};
@@ -36,8 +37,6 @@ pub(super) struct Cell<'a> {
     pub demand: Option<(Demand, Frame)>,
     /// Cameras whose scans could not be registered onto the cloud as it is.
     pub unregistered: &'a [Point3<f64>],
-    /// The caller's own check.
-    pub check: Option<&'a ReachCheck>,
 }
 
 /// A view in the cell.
@@ -51,6 +50,8 @@ pub struct Placed {
     pub objections: Vec<Objection>,
     /// Taken off its score.
     pub cost: f64,
+    /// Where the object stands then.
+    pub cell_from_object: Isometry3<f64>,
 }
 
 impl Session {
@@ -58,18 +59,13 @@ impl Session {
     /// session without scans, whether the first one can be taken from there.
     pub fn place(&self, view: &View) -> Placed {
         let planner = self.planners.choose(&self.state).map_or(PlannerName::Farthest, |choice| choice.planner);
-        let cell = self.cell(None, planner, None);
+        let cell = self.cell(None, planner);
         let given = self.state.given().iter().position(|g| g == view);
-        cell.place(view, &cell.pose(view, given), None, given)
+        cell.places(view, &cell.pose(view, given), None, given).into_iter().next().unwrap_or_default()
     }
 
     /// The cell as it is now, the camera being at `current` (cell's frame).
-    pub(super) fn cell<'a>(
-        &'a self,
-        current: Option<Point3<f64>>,
-        planner: PlannerName,
-        check: Option<&'a ReachCheck>,
-    ) -> Cell<'a> {
+    pub(super) fn cell(&self, current: Option<Point3<f64>>, planner: PlannerName) -> Cell<'_> {
         let (config, state) = (&self.config, &self.state);
         let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(PreparedScan::camera_position).collect();
         let scanned = if state.given_views.is_empty() { Vec::new() } else { positions.clone() };
@@ -98,14 +94,13 @@ impl Session {
             scans: self.scans.len(),
             demand: Demand::on(state, &config.registration),
             unregistered: &self.unregistered,
-            check,
         }
     }
 }
 
 impl Cell<'_> {
     /// The views, one by one.
-    pub fn candidates<'b>(&'b self, ranked: &'b [(RankedView, f64)]) -> impl Iterator<Item = Candidate> + 'b {
+    pub fn considered<'b>(&'b self, ranked: &'b [(RankedView, f64)]) -> impl Iterator<Item = Considered> + 'b {
         let given = self.state.given();
         let usual_scan = overlap::usual_scan(&self.state.cloud, self.scans);
         ranked.iter().map(move |(ranked, distance)| {
@@ -119,36 +114,37 @@ impl Cell<'_> {
             let registration = self.demand.as_ref().map(|(demand, frame)| demand.predict(self.state, view, frame));
             let given = given.iter().position(|g| g == view);
             let pose = self.pose(view, given);
-            let mut placed = self.place(view, &pose, cautious, given);
+            let mut places = self.places(view, &pose, cautious, given);
+            let mut others = Vec::new();
             if self.scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
-                placed.objections = vec![Objection::scanned()];
+                places[0].objections = vec![Objection::scanned()];
             } else {
-                placed.objections.extend(Objection::of_sensor(&self.config.sensor, ranked, self.predicts));
+                others.extend(Objection::of_sensor(&self.config.sensor, ranked, self.predicts));
                 let registration = registration.as_ref();
-                placed.objections.extend(unregistrable(view, self.unregistered, least, registration, demand));
+                others.extend(unregistrable(view, self.unregistered, least, registration, demand));
             }
-            if placed.objections.is_empty() {
-                let table = self.config.turntable.as_ref().zip(placed.table.as_ref());
-                let in_cell = table.map(|(table, stop)| table.cell_from_object(stop.stop_deg) * pose);
-                let why_not = self.check.and_then(|check| check.why_not(&in_cell.unwrap_or(pose)));
-                placed.objections.extend(why_not.map(Objection::of_caller));
-            }
-            Candidate {
+            places[0].objections.extend(others);
+            let allowed = |place: &Placed| place.objections.is_empty();
+            let free = if allowed(&places[0]) { places.iter().filter(|p| allowed(p)).count() } else { 1 };
+            // Those that nothing speaks against come first.
+            places.truncate(free);
+            let candidate = Candidate {
                 rank: 0,
-                score: ranked.score - placed.cost,
+                score: ranked.score,
                 planner_score: ranked.score,
                 target_m: view.target.coords.into(),
                 position_m: view.position.coords.into(),
                 working_distance_m: *distance,
                 world_from_camera: Pose::from(&pose),
-                table: placed.table,
-                reached: placed.reached,
+                table: None,
+                reached: None,
                 expected_gain: ranked.gain,
                 expected_overlap: overlap,
-                objections: placed.objections,
+                objections: Vec::new(),
                 given,
                 registration,
-            }
+            };
+            Considered { candidate, pose, places, at: 0, refused: None }
         })
     }
 
@@ -160,11 +156,17 @@ impl Cell<'_> {
         }
     }
 
-    /// Where a view is taken from, `overlap` being the least that can be expected of it: at the stop that nothing, or least, speaks
-    /// against; of those at the one that costs least, and then the nearest to where the table stands.
-    pub fn place(&self, view: &View, pose: &Isometry3<f64>, overlap: Option<f64>, given: Option<usize>) -> Placed {
+    /// Where a view can be taken from, `overlap` being the least that can be expected of it; one place at least, best first: the stop that
+    /// nothing, or least, speaks against; of those the one that costs least, and then the nearest to where the table stands.
+    pub fn places(
+        &self,
+        view: &View,
+        pose: &Isometry3<f64>,
+        overlap: Option<f64>,
+        given: Option<usize>,
+    ) -> Vec<Placed> {
         let Some(table) = &self.config.turntable else {
-            return self.place_in_cell(view, view, pose, &Isometry3::identity(), overlap);
+            return vec![self.place_in_cell(view, view, pose, &Isometry3::identity(), overlap)];
         };
         let stops = table.stops();
         // Given views are of one stop each, the stops in their order.
@@ -188,8 +190,10 @@ impl Cell<'_> {
             let against = |p: &Placed| p.objections.len();
             against(a).cmp(&against(b)).then(a.cost.total_cmp(&b.cost))
         };
-        // The first of equal ones: the nearest stop.
-        placed.reduce(|best, next| if order(&next, &best).is_lt() { next } else { best }).unwrap_or_default()
+        let mut placed: Vec<Placed> = placed.collect();
+        // Of equal ones the nearest stop stays first.
+        placed.sort_by(order);
+        placed
     }
 
     fn place_in_cell(
@@ -220,7 +224,7 @@ impl Cell<'_> {
                 Err(hindrance) => objections.push(Objection::of_arm(&hindrance)),
             }
         }
-        Placed { table: None, reached, objections, cost }
+        Placed { table: None, reached, objections, cost, cell_from_object: *cell_from_object }
     }
 }
 

@@ -1,7 +1,7 @@
 use super::*;
 use crate::Reading;
 use crate::Unseen;
-use crate::constraints::{Constraint, Objection};
+use crate::constraints::Objection;
 use crate::stop::Missing;
 use crate::{Left, PlannerName, Stopped};
 use geometry::View;
@@ -106,32 +106,6 @@ fn a_least_overlap_is_asked_of_what_is_expected_less_what_it_may_be_missed_by() 
 }
 
 /// Time for `checks` questions.
-#[test]
-fn what_the_arm_cannot_reach_is_ruled_out_with_the_callers_reason() {
-    let mut session = session(30, SessionConfig { working_distance_m: 0.8, ..Default::default() });
-    let free = session.next_view().expect("an answer");
-    let best = free.next.clone().expect("a view");
-    let (asked, at) = (Arc::new(AtomicUsize::new(0)), best.position_m);
-    let count = Arc::clone(&asked);
-    let reach = ReachCheck::new(move |pose| {
-        count.fetch_add(1, Ordering::Relaxed);
-        let here: [f64; 3] = pose.translation.vector.into();
-        (here == at).then(|| "joint 4 at its limit".to_owned())
-    });
-    let answer = session.next_view_for(&Request { reach: Some(reach), ..Default::default() }).expect("an answer");
-    let allowed = free.candidates.iter().filter(|c| c.objections.is_empty()).count();
-    assert_eq!(asked.load(Ordering::Relaxed), allowed, "those that are ruled out anyway are not asked about");
-    let refused = answer.candidates.iter().find(|c| c.position_m == best.position_m).expect("listed");
-    let reason = "joint 4 at its limit".to_owned();
-    assert_eq!(refused.objections, [Objection { constraint: Constraint::Caller, reason }]);
-    assert_eq!(answer.next.expect("another view").position_m, free.candidates[1].position_m);
-    let nowhere = Request { reach: Some(ReachCheck::new(|_| Some("no arm".to_owned()))), ..Default::default() };
-    let answer = session.next_view_for(&nowhere).expect("an answer");
-    assert!(answer.next.is_none() && answer.stop.stop, "nothing is left");
-    assert!(answer.no_view_reason().contains("the caller's own check excludes"), "{}", answer.no_view_reason());
-    assert_eq!(session.next_view().expect("an answer"), free, "it holds for one answer alone");
-}
-
 fn budget(checks: usize, after: Left) -> Budget {
     let asked = AtomicUsize::new(0);
     let ask = move || asked.fetch_add(1, Ordering::SeqCst);
