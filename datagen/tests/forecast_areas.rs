@@ -1,14 +1,15 @@
 //! The planner's areas against parry's rays, which share no code with it: samples of a box and of a torus, each of which
 //! stands for the same area, are in a view where the ray from its camera to them meets nothing before.
 
+mod rays;
+
 use datagen::{RenderConfig, RenderScratch, Scene};
 use geometry::sampling::sample_surface;
 use geometry::{Mesh, PinholeCamera, View, rng};
 use nalgebra::{Point3, Vector3};
-use parry3d::query::{Ray, RayCast};
-use parry3d::shape::TriMesh;
 use planning::config::CameraConfig;
 use planning::{NoReturn, Scan, Session, SessionConfig, VolumetricPlanner};
+use rays::seen;
 
 const SAMPLES: usize = 20_000;
 
@@ -38,20 +39,6 @@ fn torus() -> Mesh {
     Mesh { vertices: all().map(vertex).collect(), triangles: all().flat_map(faces).collect() }
 }
 
-fn glam(v: &Vector3<f64>) -> parry3d::math::Vector {
-    parry3d::math::Vector::new(v.x as f32, v.y as f32, v.z as f32)
-}
-
-/// Which samples a camera there sees.
-fn seen(mesh: &TriMesh, samples: &[Point3<f64>], eye: &Point3<f64>) -> Vec<bool> {
-    let sees = |p: &Point3<f64>| {
-        let ray = p - eye;
-        let hit = mesh.cast_local_ray(&Ray::new(glam(&eye.coords), glam(&ray.normalize())), f32::MAX, false);
-        hit.is_some_and(|t| (f64::from(t) - ray.norm()).abs() < 5e-4)
-    };
-    samples.iter().map(sees).collect()
-}
-
 fn view(direction: [f64; 3], distance: f64) -> View {
     View { target: Point3::origin(), position: Point3::from(distance * Vector3::from(direction).normalize()) }
 }
@@ -61,8 +48,7 @@ fn known_areas_are_those_of_independent_rays() {
     for (name, mesh) in [("box", cuboid()), ("torus", torus())] {
         let samples = sample_surface(&mesh, SAMPLES, &mut rng::stream(1, name));
         let each = mesh.area() / SAMPLES as f64;
-        let rays = TriMesh::new(mesh.vertices.iter().map(|v| glam(&v.coords)).collect(), mesh.triangles.clone())
-            .expect("triangles");
+        let rays = rays::surface(&mesh);
         let scene = Scene::new(mesh);
         for (distance, (width, height, fov_y_deg)) in
             [(0.5, (640, 480, 50.0)), (1.2, (1280, 720, 50.0)), (2.0, (1920, 1080, 30.0))]

@@ -5,7 +5,7 @@ use super::Session;
 use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
 use crate::pose::rigid;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// A turn of the table by a radian is worth this much travel of the camera, metres.
@@ -57,25 +57,26 @@ impl Session {
         };
         let poses: Vec<Isometry3<f64>> = allowed.iter().map(pose).collect();
         let (seen, areas) = self.planners.seen_of_expected(&self.state, &poses);
-        let mut left: Vec<f64> = areas.iter().map(|area| area / whole).collect();
-        let all: f64 = left.iter().sum();
+        let areas: Vec<f64> = areas.iter().map(|area| area / whole).collect();
+        let all: f64 = areas.iter().sum();
+        let mut looks = Looks::new(&areas, missing / all.max(f64::MIN_POSITIVE));
         let mut chosen = Vec::new();
         while chosen.len() < most {
-            let adds = |view: &Vec<u32>| view.iter().map(|&k| left[k as usize]).sum::<f64>();
-            let gains: Vec<f64> = seen.iter().map(adds).collect();
+            let gains: Vec<f64> = seen.iter().map(|view| looks.first(view)).collect();
             // The first of equals: the one ranked higher.
             let Some(best) = (0..gains.len()).reduce(|a, b| if gains[b] > gains[a] { b } else { a }) else { break };
             if gains[best] < self.config.stop_below.max(LEAST) {
                 break;
             }
-            seen[best].iter().for_each(|&k| left[k as usize] = 0.0);
-            chosen.push((best, gains[best]));
+            let axis = |i: usize| poses[i] * Vector3::z();
+            let alike = chosen.iter().map(|&(i, _): &(usize, f64)| axis(i).dot(&axis(best))).fold(-1.0, f64::max);
+            chosen.push((best, looks.take(&seen[best], (1.0 - alike).min(1.0))));
         }
         let from = (self.last_position(), self.table_deg());
         let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| stop(allowed[i], from.1)).collect();
         let order = by_travel(from, &stops);
         let mut plan =
-            ScanPlan { leaves: missing * left.iter().sum::<f64>() / all.max(f64::MIN_POSITIVE), ..ScanPlan::default() };
+            ScanPlan { leaves: missing * looks.unseen() / all.max(f64::MIN_POSITIVE), ..ScanPlan::default() };
         let mut at = (from.0.unwrap_or(order.first().map_or(Point3::origin(), |&i| stops[i].0)), from.1);
         for i in order {
             let travel_m = (stops[i].0 - at.0).norm();
@@ -92,6 +93,50 @@ impl Session {
     /// Where the last camera stood, in the cell.
     fn last_position(&self) -> Option<Point3<f64>> {
         self.scans.last().and_then(|scan| scan.camera_position()).map(|p| self.cell_from_object() * p)
+    }
+}
+
+/// What views find of the surface that is expected. A membrane closes what is open, and the surface that bulges behind it is `bulge` times as
+/// large: the first view of a part finds as much of it as the membrane has area there, each further one the same share of what is left,
+/// less where it looks as one before it did.
+struct Looks<'a> {
+    areas: &'a [f64],
+    /// Not found yet.
+    left: Vec<f64>,
+    bulge: f64,
+}
+
+impl<'a> Looks<'a> {
+    fn new(areas: &'a [f64], bulge: f64) -> Self {
+        let bulge = bulge.max(1.0);
+        Self { areas, left: areas.iter().map(|area| bulge * area).collect(), bulge }
+    }
+
+    fn is_unseen(&self, part: usize) -> bool {
+        self.left[part] >= self.bulge * self.areas[part]
+    }
+
+    /// Of the membrane, what no view has seen before.
+    fn first(&self, view: &[u32]) -> f64 {
+        view.iter().map(|&k| k as usize).filter(|&k| self.is_unseen(k)).map(|k| self.areas[k]).sum()
+    }
+
+    /// What the view finds; `apart` is how different it looks from those before it: 0 alike, 1 from the side or the back.
+    fn take(&mut self, view: &[u32], apart: f64) -> f64 {
+        let mut all = 0.0;
+        for &k in view {
+            let share = if self.is_unseen(k as usize) { 1.0 } else { apart };
+            let left = &mut self.left[k as usize];
+            let found = share * *left / self.bulge;
+            *left -= found;
+            all += found;
+        }
+        all
+    }
+
+    /// Of the membrane, what none has seen.
+    fn unseen(&self) -> f64 {
+        (0..self.areas.len()).filter(|&k| self.is_unseen(k)).map(|k| self.areas[k]).sum()
     }
 }
 
@@ -197,9 +242,6 @@ mod tests {
             assert!(!plan.views.is_empty() && plan.views.len() <= most);
             assert!(plan.adds > 0.0 && plan.adds < missing && plan.leaves < missing, "{plan:?}");
             assert!((plan.views.iter().map(|v| v.travel_m).sum::<f64>() - plan.travel_m).abs() < 1e-9);
-            let mut chosen: Vec<&PlannedView> = plan.views.iter().collect();
-            chosen.sort_by_key(|view| view.chosen);
-            assert!(chosen.windows(2).all(|w| w[0].adds >= w[1].adds), "greedy");
             assert!(plan.views.iter().all(|v| v.view.objections.is_empty()));
         }
         assert!(plans[2].adds > plans[0].adds && plans[2].leaves < plans[0].leaves, "more views see more");

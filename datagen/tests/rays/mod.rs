@@ -1,0 +1,25 @@
+//! What a camera sees, by parry's rays, which share no code with the planner or the simulator.
+
+use geometry::Mesh;
+use nalgebra::{Point3, Vector3};
+use parry3d::query::{Ray, RayCast};
+use parry3d::shape::TriMesh;
+
+fn glam(v: &Vector3<f64>) -> parry3d::math::Vector {
+    parry3d::math::Vector::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+/// What rays meet.
+pub fn surface(mesh: &Mesh) -> TriMesh {
+    TriMesh::new(mesh.vertices.iter().map(|v| glam(&v.coords)).collect(), mesh.triangles.clone()).expect("triangles")
+}
+
+/// Which samples of it nothing hides from an eye there.
+pub fn seen(surface: &TriMesh, samples: &[Point3<f64>], eye: &Point3<f64>) -> Vec<bool> {
+    let sees = |p: &Point3<f64>| {
+        let ray = p - eye;
+        let hit = surface.cast_local_ray(&Ray::new(glam(&eye.coords), glam(&ray.normalize())), f32::MAX, false);
+        hit.is_some_and(|t| (f64::from(t) - ray.norm()).abs() < 5e-4)
+    };
+    samples.iter().map(sees).collect()
+}
