@@ -8,8 +8,13 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Share of the points on one plane from which on the object seems to stand there.
 pub(crate) const STANDING: f64 = 0.08;
-/// Share of the other points that must lie above it.
-const ABOVE: f64 = 0.97;
+/// Of the heights of what stands on it, summed, the depths of what shows beneath it may come to so much, each no more than the
+/// object is high: less at the edge of a table, more at the body under a lid.
+const BENEATH: f64 = 0.4;
+/// The points on it are a layer: as many as within this many times its thickness above and beneath. A cut through a slope is none.
+const AROUND: f64 = 3.0;
+/// What lies at least this many times its thickness under it, and farther than the object is high, is something else.
+const GAP: f64 = 10.0;
 /// Largest angle to `constraints.up`, as a cosine (30 degrees).
 const UPRIGHT: f64 = 0.866;
 /// Planes drawn, and points that each is held against.
@@ -101,7 +106,7 @@ impl<'de> Deserialize<'de> for Support {
 }
 
 /// The plane that the points stand on: the one that most of them lie on within `tolerance`, of those that lie about level, hold enough of
-/// them, have nearly all others above, and reach beyond these to all sides. The same points give the same plane.
+/// them, show little beneath them, and reach to all sides beyond what is above them. The same points give the same plane.
 pub fn find(points: &[Point3<f64>], up: &Vector3<f64>, tolerance: f64, seed: u64) -> Option<Plane> {
     let step = points.len().div_ceil(ASKED).max(1);
     let asked: Vec<Point3<f64>> =
@@ -147,19 +152,23 @@ fn stands(points: &[Point3<f64>], plane: &Plane, tolerance: f64) -> bool {
     let normal = Vector3::from(plane.normal);
     let across = normal.cross(&if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() }).normalize();
     let axes = [across, normal.cross(&across)];
-    let (mut on, mut above, mut below) = (0usize, 0usize, 0usize);
+    let heights: Vec<f64> = points.iter().map(|p| plane.height(p)).collect();
+    let (mut on, mut above, mut around) = (0usize, 0usize, 0usize);
+    let (mut high, mut highest, mut depths) = (0.0, 0.0f64, Vec::new());
     let empty = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
     let (mut table, mut object) = (empty, empty);
-    for p in points {
-        let height = plane.height(p);
+    for (p, height) in points.iter().zip(heights) {
+        around += usize::from(height.abs() > tolerance && height.abs() <= AROUND * tolerance);
         let extent = if height.abs() <= tolerance {
             on += 1;
             &mut table
         } else if height > 0.0 {
             above += 1;
+            high += height;
+            highest = highest.max(height);
             &mut object
         } else {
-            below += 1;
+            depths.push(-height);
             continue;
         };
         for (axis, [low, high]) in axes.iter().zip(extent) {
@@ -167,10 +176,21 @@ fn stands(points: &[Point3<f64>], plane: &Plane, tolerance: f64) -> bool {
             (*low, *high) = (low.min(x), high.max(x));
         }
     }
-    let enough = on as f64 > STANDING * points.len() as f64 && above >= 10;
-    let under = above as f64 >= ABOVE * (above + below) as f64;
+    let enough = on as f64 > STANDING * points.len() as f64 && above >= 10 && on >= around;
+    let deep: f64 =
+        attached(&mut depths, highest.max(GAP * tolerance), points.len() / 100).iter().map(|d| d.min(highest)).sum();
+    let under = deep <= BENEATH * high;
     let beyond = table.iter().zip(&object).all(|(t, o)| t[0] < o[0] && t[1] > o[1]);
     enough && under && beyond
+}
+
+/// Of depths under a plane those that belong to it: not what lies, but for `few` points, more than `gap` under the rest, as the floor beside a
+/// table does.
+fn attached(depths: &mut [f64], gap: f64, few: usize) -> &[f64] {
+    depths.sort_by(f64::total_cmp);
+    let before = |i: usize| if i == 0 { 0.0 } else { depths[i - 1] };
+    let end = (0..depths.len().saturating_sub(few)).find(|&i| depths[i + few] - before(i) > gap);
+    &depths[..end.unwrap_or(depths.len())]
 }
 
 #[cfg(test)]

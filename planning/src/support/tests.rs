@@ -55,6 +55,35 @@ fn the_table_is_found_and_nothing_else_is() {
     assert_eq!(find(&lid.chain(side).collect::<Vec<_>>(), &Vector3::z(), 0.003, 0), None);
 }
 
+/// Points of a sheet from `from` along `a` and `b`, 3 mm apart.
+fn sheet(from: [f64; 3], a: Vector3<f64>, b: Vector3<f64>) -> Vec<Point3<f64>> {
+    let [m, n] = [a, b].map(|edge| (edge.norm() / 0.003).ceil() as usize);
+    let at = |i: usize, j: usize| Point3::from(from) + a * (i as f64 / m as f64) + b * (j as f64 / n as f64);
+    (0..=m).flat_map(|i| (0..=n).map(move |j| at(i, j))).collect()
+}
+
+#[test]
+fn the_edge_of_a_table_may_show_and_the_body_under_a_lid_may_not() {
+    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let find = |parts: &[Vec<Point3<f64>>]| find(&parts.concat(), &z, 0.002, 0);
+    let top = sheet([-0.2, -0.2, 0.0], x * 0.4, y * 0.4);
+    let edge = sheet([-0.2, -0.2, -0.003], x * 0.4, -z * 0.017);
+    let thing =
+        [sheet([-0.05, -0.05, 0.003], x * 0.1, z * 0.097), sheet([-0.05, -0.05, 0.1], x * 0.1, y * 0.1)].concat();
+    let floor = sheet([-0.6, 0.25, -0.7], x * 1.2, y * 0.3);
+    let table = find(&[top.clone(), edge, thing.clone(), floor]).expect("a table with its edge, above the floor");
+    assert!(table.offset_m.abs() < 1e-3 && table.normal[2] > 0.9999, "{table:?}");
+    // A box of 30 cm with a small one on it.
+    let body = sheet([-0.2, -0.2, -0.003], x * 0.4, -z * 0.3);
+    assert_eq!(find(&[top, body, thing]), None);
+    // A cut through a dome is no layer.
+    let dome: Vec<Point3<f64>> = sheet([-0.1, -0.1, 0.0], x * 0.2, y * 0.2)
+        .into_iter()
+        .map(|p| Point3::new(p.x, p.y, -4.0 * (p.x * p.x + p.y * p.y)))
+        .collect();
+    assert_eq!(find(&[dome]), None);
+}
+
 fn session(support: Support) -> Session {
     let config = SessionConfig { support, working_distance_m: 0.5, max_points: 0, ..Default::default() };
     let mut session = Session::new(config, None).expect("in range");
