@@ -17,6 +17,7 @@ use planning::registration::Register;
 use planning::session::{Request, ViewCheck};
 use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
 use ros2::Ros2Config;
+use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
@@ -49,9 +50,15 @@ fn run(args: &Args) -> Result<ExitCode> {
     if args.ros2.is_none() && node != Ros2Config::default() {
         bail!("ros2.KEY: settings of the node, which have no effect without --serve --ros2");
     }
-    let config = settings(args, set)?;
+    let Settings { session: config, at_a_distance } = settings(args, set)?;
     args.plan.as_deref().map_or(Ok(()), plan::check)?;
     config.check()?;
+    if config.robot.is_some() && !at_a_distance && args.views_from.is_none() {
+        bail!(
+            "--robot: at which distance from the object shall the camera stand? Give --distance METRES, or working_distance_m of the \
+             settings: one at which the sensor measures and which the arm reaches (0.3 to 0.6 m as a rule)"
+        );
+    }
     if args.weights.is_some() && !matches!(config.planner, PlannerName::Auto | PlannerName::BenbvNet) {
         misuse::<Args>("--weights has no effect with a planner other than auto and benbv-net");
     }
@@ -135,8 +142,25 @@ fn names(args: &Args) -> String {
     args.scan.iter().chain(&args.depth).chain(folder).map(name).collect::<Vec<_>>().join(", ")
 }
 
+/// Of the session, and whether they say at which distance the camera stands.
+struct Settings {
+    session: SessionConfig,
+    at_a_distance: bool,
+}
+
+/// Settings that do not say so yet.
+#[derive(Serialize, Deserialize)]
+#[serde(transparent)]
+struct AtNoDistance(SessionConfig);
+
+impl Default for AtNoDistance {
+    fn default() -> Self {
+        Self(SessionConfig { working_distance_m: f64::NAN, ..SessionConfig::default() })
+    }
+}
+
 /// Defaults, then the file, then these of --set, then flags.
-fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
+fn settings(args: &Args, set: Vec<String>) -> Result<Settings> {
     let (fixed, range) = match args.distance {
         Some((low, high)) if low == high => (Some(low), None),
         Some((low, high)) => (None, Some(toml::Value::from(vec![low, high]))),
@@ -164,11 +188,16 @@ fn settings(args: &Args, set: Vec<String>) -> Result<SessionConfig> {
         Flag::given("--pose-error", "registration.pose_error_deg", args.pose_error.map(|[_, deg]| deg)),
     ];
     flags.extend(robot(args)?);
-    let mut config: SessionConfig = CommonArgs { set, ..args.common.clone() }.settings(flags)?;
+    let AtNoDistance(mut session) = CommonArgs { set, ..args.common.clone() }.settings(flags)?;
     if fixed.is_some() {
-        config.working_distance_range_m = None;
+        session.working_distance_range_m = None;
     }
-    Ok(config)
+    let none = session.working_distance_m.is_nan();
+    let at_a_distance = !none || session.working_distance_range_m.is_some();
+    if none {
+        session.working_distance_m = SessionConfig::default().working_distance_m;
+    }
+    Ok(Settings { session, at_a_distance })
 }
 
 /// The arm of the command line, as settings.

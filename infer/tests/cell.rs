@@ -96,6 +96,11 @@ fn an_arm_answers_with_joint_values_or_the_reason() {
     let wrong =
         error(&["--scan", &scan, "--robot", &urdf, "--tool", "gripper", "--flange-from-camera", "0,0,0,0,0,0,1"]);
     assert!(wrong.contains("no link \"gripper\"") && wrong.contains("tool0"), "{wrong}");
+    let nowhere = error(&[&free[..4], &arm].concat());
+    assert!(nowhere.contains("at which distance from the object") && nowhere.contains("--distance"), "{nowhere}");
+    let set = ["--set", "working_distance_m=1.2"];
+    let far = answer(&[&free[..4], &arm, &set].concat());
+    assert!(far["warnings"].to_string().contains("the arm does not reach"), "{}", far["warnings"]);
     let bare = error(&["--scan", &scan, "--robot", &urdf, "--tool", "tool0"]);
     assert!(bare.contains("robot.flange_from_camera") && bare.contains("hand-eye"), "{bare}");
 }

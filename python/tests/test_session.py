@@ -193,8 +193,16 @@ def test_what_the_arm_cannot_reach_is_ruled_out(sheet):
     assert session.next_view(reachable=lambda pose: False).next is None
     with pytest.raises(ZeroDivisionError):
         session.next_view(reachable=lambda pose: 1 / 0)
-    with pytest.raises(TypeError, match="reachable returned a .*dict.*, expected True, False or the reason"):
-        session.next_view(reachable=lambda pose: {})
+    for odd in ({}, 1, 0, (True, "far"), (False, 0.5)):
+        with pytest.raises(TypeError, match="reachable returned .*, expected True, a cost"):
+            session.next_view(reachable=lambda pose, odd=odd: odd)
+    for cost in (0.5, np.float32(0.5), (True, 0.5)):
+        dear = session.next_view(reachable=lambda pose, cost=cost: cost)
+        assert dear.candidates[0].score == pytest.approx(free.candidates[0].score - 0.5)
+    why = session.next_view(reachable=lambda pose: (False, "elbow"))
+    assert "elbow" in {o.reason for c in why.candidates for o in c.objections}
+    with pytest.raises(benbv.PlanError, match="a cost of -1: expected zero or a positive number"):
+        session.next_view(reachable=lambda pose: -1.0)
     with pytest.raises(benbv.PlanError, match="waiting for"):
         session.next_view(reachable=lambda pose: session.next_view())
     assert session.next_view() == free

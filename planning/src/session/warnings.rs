@@ -3,6 +3,7 @@
 use super::Session;
 use crate::Seen;
 use crate::answer::{Candidate, length};
+use crate::constraints::Constraint;
 use crate::scan::{FARTHEST_M, ScanReport};
 use nalgebra::Point3;
 
@@ -107,6 +108,16 @@ impl Session {
         let angle = image.min(f64::from(camera.height) / camera.fy);
         // The whole box in the image, seen from in front of its near side.
         let serves = 1.1 * diagonal / angle + 0.5 * diagonal;
+        let unreached =
+            candidates.iter().filter(|c| c.objections.iter().any(|o| o.constraint == Constraint::Reach)).count();
+        if 2 * unreached > candidates.len() {
+            warnings.push(format!(
+                "the arm does not reach {unreached} of {} views: is it too far to the object for it at {} (--distance, working_distance_m), \
+                 or does it stand elsewhere (robot.cell_from_base)?",
+                candidates.len(),
+                length(farthest)
+            ));
+        }
         let Some(best) = next.or(candidates.first()) else { return warnings };
         let distance = best.working_distance_m;
         let position = Point3::from(best.position_m);

@@ -19,6 +19,9 @@ from .view import View
 Config = Mapping[str, Any] | str | PathLike[str] | None
 """Settings: a mapping as in `configs/infer.toml`, or the path of such a file."""
 
+Verdict = bool | float | str | tuple[bool, float | str] | None
+"""Of a pose: True or None, a cost or (True, cost); False, the reason or (False, reason)."""
+
 
 def plain(value: Any) -> Any:
     """What `json` does not know of numpy."""
@@ -185,12 +188,13 @@ class Session:
         self,
         *,
         position: ArrayLike | None = None,
-        reachable: Callable[[NDArray[np.float64]], bool | str | None] | None = None,
+        reachable: Callable[[NDArray[np.float64]], Verdict] | None = None,
     ) -> View:
         """The next view. `position` (3,) is where the camera is now, for limits and cost of travel.
 
-        `reachable` is asked of the pose (4, 4) of each candidate that nothing else rules out: True (or None) where the arm gets
-        there, False or the reason where not. What it raises is raised here. It must not ask this session for anything.
+        `reachable` is asked of the pose (4, 4) of each candidate that nothing else rules out, with a turntable in the frame that
+        does not turn: True (or None) where the arm gets there, a cost (float) or (True, cost) to take off the score, False, the
+        reason or (False, reason) where not. What it raises is raised here. It must not ask this session for anything.
 
         Raises `PlanError` where there is no scan, or the planner cannot work on what is known.
         """
