@@ -75,10 +75,22 @@ fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<
     }
     // Two bytes as they are, four as a depth.
     crate::file::check_unpacked(path, format!("an image of {columns} x {rows} pixels"), 6 * found, bytes.len())?;
+    let clear: Option<[u8; 2]> = info.trns.as_deref().and_then(|value| value.try_into().ok());
     let mut buffer = vec![0; 2 * columns * rows];
     reader.next_frame(&mut buffer).map_err(refuse)?;
+    let mut left_out = 0;
+    if let Some(clear) = clear {
+        for pixel in buffer.chunks_exact_mut(2).filter(|pixel| *pixel == clear) {
+            pixel.fill(0);
+            left_out += 1;
+        }
+    }
     let values = buffer.chunks_exact(2).map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])));
-    image(path, [columns, rows], values, Some(f64::from(u16::MAX)), metres_per_unit)
+    let mut file = image(path, [columns, rows], values, Some(f64::from(u16::MAX)), metres_per_unit)?;
+    if left_out > 0 {
+        file.notes.push(format!("{left_out} transparent pixels are taken for pixels without a return"));
+    }
+    Ok(file)
 }
 
 /// A depth image from its values, row by row, as [`read_depth`] would make it of a file that holds them. `largest_integer` is
@@ -113,7 +125,13 @@ pub fn image(
         notes
             .push(format!("{marked} pixels with the largest value, {largest}, are treated as pixels without a return"));
     }
-    notes.extend(odd_unit(&depth, largest_integer.is_some()).filter(|_| metres_per_unit.is_none()));
+    match largest_integer {
+        Some(most) if most <= 255.0 && metres_per_unit.is_none() => notes.push(format!(
+            "integers of one byte are taken for millimetres, {most} at most: a picture of the depths? Give the depths as measured, or \
+             the unit (--depth-unit, metres_per_unit)"
+        )),
+        _ => notes.extend(odd_unit(&depth, largest_integer.is_some()).filter(|_| metres_per_unit.is_none())),
+    }
     notes.extend(far_mark(&depth));
     Ok(DepthFile { image: DepthImage { origin: [0, 0], size: [width, height], depth }, notes })
 }

@@ -15,7 +15,34 @@ pub fn read(path: &Path) -> Result<Vec<u8>, FormatError> {
         let found = if kind.is_dir() { "a directory" } else { "a pipe, socket or device" };
         return Err(FormatError::syntax(path, Place::File, found, "a file: write the data to one first"));
     }
+    check_fits(path, kind.len(), machine_memory())?;
     std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))
+}
+
+/// Refuses a file that could not be held beside what becomes of it: a cloud takes three times its file at least, its numbers and its
+/// points included.
+fn check_fits(path: &Path, size: u64, memory: Option<u64>) -> Result<(), FormatError> {
+    match memory {
+        Some(memory) if size.saturating_mul(3) > memory => {
+            let found = format!("{} MiB, which take {} MiB to read", size >> 20, size.saturating_mul(3) >> 20);
+            let expected =
+                format!("a file that fits the {} MiB of memory here: thin, simplify or split it", memory >> 20);
+            Err(FormatError::syntax(path, Place::File, found, expected))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Memory of the machine, or of the container that the program may use, bytes; `None` where it is not told.
+fn machine_memory() -> Option<u64> {
+    let text = |path: &str| std::fs::read_to_string(path).ok();
+    let total = text("/proc/meminfo").and_then(|text| {
+        let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+        line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib << 10)
+    });
+    let limits = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+    let limits = limits.iter().filter_map(|path| text(path)?.trim().parse::<u64>().ok());
+    total.into_iter().chain(limits).min()
 }
 
 /// What a reader may hold whatever its file's size, bytes.
@@ -55,6 +82,21 @@ mod tests {
                 assert!(text(&pipe).contains("pipe"));
             }
         }
+    }
+
+    #[test]
+    fn files_larger_than_the_machine_are_refused_before_they_are_read() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("scan.ply");
+        std::fs::File::create(&path).and_then(|file| file.set_len(1 << 42)).unwrap();
+        if let Some(memory) = machine_memory() {
+            assert!((64 << 20..1 << 50).contains(&memory), "{memory}");
+            let text = read(&path).expect_err("4 TiB").to_string();
+            assert!(text.contains("scan.ply") && text.contains("4194304 MiB, which take"), "{text}");
+        }
+        assert!(check_fits(&path, 1 << 30, Some(3 << 30)).is_ok() && check_fits(&path, 1 << 40, None).is_ok());
+        let text = check_fits(&path, (1 << 30) + 1, Some(3 << 30)).expect_err("larger").to_string();
+        assert!(text.contains("fits the 3072 MiB of memory here"), "{text}");
     }
 
     #[test]

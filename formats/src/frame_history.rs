@@ -39,7 +39,7 @@ pub struct Frame {
 /// # Errors
 /// A file that cannot be read; a count or number that cannot be, with the frame.
 pub fn read_frame_history(path: &Path) -> Result<Vec<Frame>, FormatError> {
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
+    let bytes = crate::file::read(path)?;
     parse_frame_history(path, &bytes)
 }
 

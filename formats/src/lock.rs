@@ -13,11 +13,59 @@ pub const LOCK: &str = ".lock";
 #[derive(Debug)]
 pub struct Lock(#[allow(dead_code, reason = "held, never read")] File);
 
+/// A lock whose file goes with it.
+#[derive(Debug)]
+pub struct PassingLock {
+    path: PathBuf,
+    #[allow(dead_code, reason = "held, never read")]
+    lock: Lock,
+}
+
+impl Drop for PassingLock {
+    fn drop(&mut self) {
+        // While it is held. Who opened it before finds out that it is gone.
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+/// The lock of one file or directory that is written as a whole, without waiting: beside it, and gone afterwards.
+///
+/// # Errors
+/// As [`try_lock`].
+pub fn try_lock_of(output: &Path, holder: &str) -> Result<PassingLock, LockError> {
+    let parent = output.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = format!(".{}.lock", output.file_name().unwrap_or_default().to_string_lossy());
+    let path = parent.join(&name);
+    loop {
+        let lock = try_lock(parent, &name, holder).map_err(|error| match error {
+            LockError::Busy { holder, .. } => LockError::Busy { directory: output.to_owned(), holder },
+            other => other,
+        })?;
+        if is_still_there(&lock.0, &path) {
+            return Ok(PassingLock { path, lock });
+        }
+    }
+}
+
+/// Whether a file that was opened is the one of that name now.
+#[cfg(unix)]
+fn is_still_there(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let same = |a: std::fs::Metadata, b: std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+    file.metadata().ok().zip(std::fs::metadata(path).ok()).is_some_and(|(a, b)| same(a, b))
+}
+
+/// Elsewhere no file is removed that is open.
+#[cfg(not(unix))]
+fn is_still_there(_: &File, _: &Path) -> bool {
+    true
+}
+
 /// Why a lock cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// Another process has it.
-    #[error("{directory:?} is in use by another process ({holder}); wait until it ends, or name another directory")]
+    #[error("{directory:?} is in use by another process ({holder}); wait until it ends, or name another place")]
     Busy {
         /// The directory.
         directory: PathBuf,
@@ -96,5 +144,24 @@ mod tests {
         assert!(text.contains("(train, process") && !text.contains("evaluate"), "{text}");
         drop((again, part));
         drop(wait_for(&directory, LOCK).unwrap());
+    }
+
+    #[test]
+    fn the_lock_of_an_output_is_beside_it_and_gone_afterwards() {
+        let home = tempfile::tempdir().unwrap();
+        let output = home.path().join("net.safetensors");
+        let held = try_lock_of(&output, "train convert").unwrap();
+        let text = try_lock_of(&output, "another").expect_err("held").to_string();
+        assert!(text.contains("net.safetensors\" is in use by another process (train convert, process"), "{text}");
+        let other = try_lock_of(&home.path().join("net"), "train convert").expect("another output");
+        drop((held, other));
+        assert_eq!(std::fs::read_dir(home.path()).unwrap().count(), 0, "nothing is left behind");
+        drop(try_lock_of(&output, "again").unwrap());
+        // Removed and made anew between opening and locking: the old one is no lock.
+        let path = home.path().join(".net.safetensors.lock");
+        let file = File::create(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert!(!is_still_there(&file, &path));
+        assert!(is_still_there(&File::create(&path).unwrap(), &path));
     }
 }

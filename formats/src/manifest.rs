@@ -65,6 +65,62 @@ pub struct ObjectRecord {
     pub status: ObjectStatus,
 }
 
+/// Why an object has no shard, in a file of its own.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SkippedFile {
+    /// Of the file. Absent in those of older programs.
+    #[serde(default)]
+    sha256: String,
+    object: String,
+    category: String,
+    split: Split,
+    fate: Skipped,
+    reason: String,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Skipped {
+    Skipped,
+}
+
+/// Writes why an object has no shard, whole or not at all.
+///
+/// # Errors
+/// What the operating system refuses.
+pub fn write_skipped(path: &Path, object: &str, category: &str, split: Split, reason: &str) -> Result<(), FormatError> {
+    let [object, category, reason] = [object, category, reason].map(str::to_owned);
+    let file =
+        SkippedFile { sha256: checksum::UNKNOWN.to_owned(), object, category, split, fate: Skipped::Skipped, reason };
+    write_sealed(path, &file)
+}
+
+/// Reads what [`write_skipped`] wrote.
+///
+/// # Errors
+/// No such file, or damage.
+pub fn read_skipped(path: &Path) -> Result<ObjectRecord, FormatError> {
+    let bytes = crate::file::read(path)?;
+    let file: SkippedFile = serde_json::from_slice(&bytes).map_err(|e| {
+        FormatError::syntax(path, Place::Line(e.line()), e.to_string(), "a skipped object as datagen writes it")
+    })?;
+    if !file.sha256.is_empty() {
+        checksum::check(path, &bytes, CHECKSUM, REMAKE)?;
+    }
+    let SkippedFile { object, category, split, reason, .. } = file;
+    Ok(ObjectRecord { object, category, split, status: ObjectStatus::Skipped { reason } })
+}
+
+/// Writes JSON with its checksum filled in.
+fn write_sealed(path: &Path, content: &impl Serialize) -> Result<(), FormatError> {
+    let mut bytes = serde_json::to_vec_pretty(content)
+        .map_err(|e| FormatError::syntax(path, Place::File, e.to_string(), "what JSON can say"))?;
+    bytes.push(b'\n');
+    checksum::seal(&mut bytes, CHECKSUM);
+    atomic_write(path, &bytes)
+}
+
 /// All objects of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -93,7 +149,7 @@ impl Manifest {
     /// No such file, or one that is no manifest.
     pub fn read(directory: &Path) -> Result<Self, FormatError> {
         let path = directory.join(MANIFEST);
-        let bytes = std::fs::read(&path).map_err(|e| FormatError::io(&path, "read", e))?;
+        let bytes = crate::file::read(&path)?;
         let manifest: Self = serde_json::from_slice(&bytes).map_err(|e| {
             FormatError::syntax(&path, Place::Line(e.line()), e.to_string(), "a manifest as datagen writes it")
         })?;
@@ -111,12 +167,7 @@ impl Manifest {
     /// What the operating system refuses.
     pub fn write(&self, directory: &Path) -> Result<(), FormatError> {
         let path = directory.join(MANIFEST);
-        let manifest = Self { sha256: checksum::UNKNOWN.to_owned(), ..self.clone() };
-        let mut bytes = serde_json::to_vec_pretty(&manifest)
-            .map_err(|e| FormatError::syntax(&path, Place::File, e.to_string(), "what JSON can say"))?;
-        bytes.push(b'\n');
-        checksum::seal(&mut bytes, CHECKSUM);
-        atomic_write(&path, &bytes)
+        write_sealed(&path, &Self { sha256: checksum::UNKNOWN.to_owned(), ..self.clone() })
     }
 
     /// Number of samples in all shards.

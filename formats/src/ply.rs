@@ -72,7 +72,7 @@ fn parse(path: &Path, bytes: &[u8], with_faces: bool) -> Result<Content, FormatE
         })?;
     }
     vertex?;
-    content.notes = body.left_over();
+    content.notes = body.left_over(&header)?;
     Ok(content)
 }
 

@@ -42,7 +42,7 @@ const EXPECTED: &str = "JSON (a 4 x 4 matrix, {\"world_from_camera\": ...}, a li
 /// # Errors
 /// A file that cannot be read, of none of the formats, without a pose, or with one that is no rigid motion.
 pub fn read_poses(path: &Path) -> Result<PoseFile, FormatError> {
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
+    let bytes = crate::file::read(path)?;
     parse_poses(path, &bytes)
 }
 

@@ -231,8 +231,21 @@ fn matches<C: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<(Comm
         command.mut_subcommands(with_numbers)
     }
     let mut command = with_numbers(C::command()).arg(generate::flag());
-    let matches = command.try_get_matches_from_mut(words)?;
+    let matches = command.try_get_matches_from_mut(words.into_iter().map(negative))?;
     Ok((command, matches))
+}
+
+/// A word that is one number below zero, or several with commas between, as the parser takes it for a value: it knows `-1.5`, and
+/// takes `-1e-3`, `-.5` and `-1,0,2` for flags, which none of ours is.
+fn negative(word: OsString) -> OsString {
+    let Some(text) = word.to_str().filter(|text| text.starts_with('-') && !text.starts_with("--")) else { return word };
+    match text.parse::<f64>() {
+        // Without an exponent.
+        Ok(number) if number.is_finite() => number.to_string().into(),
+        // Who reads several trims each.
+        Err(_) if !text.contains(',') && !text.contains("..") => word,
+        _ => format!(" {text}").into(),
+    }
 }
 
 /// Ends the program with code 2, as the parser of the command line does: for flags whose sense depends on settings.

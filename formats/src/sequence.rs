@@ -87,7 +87,7 @@ fn millimetre() -> f64 {
 /// # Errors
 /// A file that cannot be read; fewer than two scans; a scan without a camera, or with one that did not take it.
 pub fn read_sequence(path: &Path) -> Result<Sequence, FormatError> {
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
+    let bytes = crate::file::read(path)?;
     let described: Described = serde_json::from_slice(&bytes).map_err(|e| {
         let expected = "working_distance_m and scans, each with cloud, and camera_position_m or world_from_camera";
         FormatError::syntax(path, Place::Line(e.line()), e.to_string(), expected)

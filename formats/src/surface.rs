@@ -28,7 +28,7 @@ pub fn write_surface(path: &Path, points: &[Point3<f64>]) -> Result<(), FormatEr
 /// # Errors
 /// An unreadable, foreign or damaged file.
 pub fn read_surface(path: &Path) -> Result<Vec<Point3<f64>>, FormatError> {
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))?;
+    let bytes = crate::file::read(path)?;
     let refuse =
         |found: String| FormatError::syntax(path, Place::File, found, "a tensor points of shape (N, 3) in f32");
     let foreign = |e: safetensors::SafeTensorError| refuse(e.to_string());

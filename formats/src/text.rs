@@ -49,6 +49,24 @@ pub(crate) fn without_comment(line: &str) -> &str {
     line
 }
 
+/// Whether bytes that should be binary, and are `left` too many, went through a transfer of text, which writes a carriage return before
+/// each line feed: what was read of them is shifted.
+pub(crate) fn was_transferred_as_text(bytes: &[u8], left: usize) -> bool {
+    let feeds = || (0..bytes.len()).filter(|&i| bytes[i] == b'\n');
+    // A last line break may have stood behind the data.
+    let data_behind = !bytes[bytes.len() - left..].trim_ascii().is_empty();
+    data_behind
+        && (left.saturating_sub(2).max(1)..=left).contains(&feeds().count())
+        && feeds().all(|i| i > 0 && bytes[i - 1] == b'\r')
+}
+
+/// The way out of it.
+pub(crate) const TRANSFERRED_AS_TEXT: &str = "binary data as they were written: copy the file again without conversion of line ends \
+                                               (FTP in binary mode, no git autocrlf)";
+
+/// What is found then.
+pub(crate) const ONLY_PAIRS: &str = "a carriage return before every line feed";
+
 /// A number as any printer writes it: Rust's forms, `1.#QNAN`, `-nan(ind)` and `1.#INF`, and Fortran's `1.5D-02`.
 pub(crate) fn number(word: &str) -> Option<f64> {
     if let Ok(value) = word.parse() {
@@ -97,5 +115,19 @@ mod tests {
             assert_eq!(number(word), None, "{word}");
         }
         assert_eq!(without_comment("1 1.#IND 2 # three"), "1 1.#IND 2 ");
+    }
+
+    #[test]
+    fn line_feeds_of_binary_data_that_became_pairs_are_found() {
+        let data: Vec<u8> = (0..400u32).flat_map(|i| (i * 7).to_le_bytes()).collect();
+        let feeds = data.iter().filter(|b| **b == b'\n').count();
+        assert!(feeds > 2);
+        let sent: Vec<u8> = data.iter().flat_map(|b| if *b == b'\n' { vec![b'\r', b'\n'] } else { vec![*b] }).collect();
+        assert!(was_transferred_as_text(&sent, feeds));
+        assert!(was_transferred_as_text(&[&sent[..], b"\r\n"].concat(), feeds + 2), "with a line break at the end");
+        for behind in [&b""[..], b"\n", b"\r\n\r\n", b"made by hand\r\n", &[0; 5]] {
+            assert!(!was_transferred_as_text(&[&data[..], behind].concat(), behind.len()), "{behind:?}");
+            assert!(!was_transferred_as_text(&[&[7; 60], behind].concat(), behind.len()), "{behind:?}, no line feed");
+        }
     }
 }

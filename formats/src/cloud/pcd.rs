@@ -23,6 +23,8 @@ struct Header {
     height: u64,
     points: u64,
     viewpoint: Option<Isometry3<f64>>,
+    /// A viewpoint that is no pose, as it stands there.
+    no_pose: Option<String>,
     data: Data,
     /// First byte and line of the body.
     body: usize,
@@ -73,7 +75,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError>
     let normal = normal.filter(|at| at.iter().all(|&i| header.fields[i].count == 1));
     let wanted: Vec<usize> = xyz.into_iter().chain(normal.into_iter().flatten()).collect();
 
-    let mut notes = vec![];
+    let mut notes = header.notes();
     let rows = match header.data {
         Data::Text => text_rows(path, &header, body, &wanted, &mut notes)?,
         Data::Binary => binary_rows(path, &header, body, &wanted, &mut notes)?,
@@ -93,7 +95,8 @@ fn parse_header(path: &Path, bytes: &[u8]) -> Result<Header, FormatError> {
     let (mut body, mut line) = (0, 0);
     let mut lists: [Option<Vec<String>>; 4] = [const { None }; 4];
     let [mut width, mut height, mut points] = [None; 3];
-    let mut viewpoint = None;
+    let (mut viewpoint, mut no_pose) = (None, None);
+    let mut seen: Vec<String> = vec![];
     let data = loop {
         let Some(rest) = bytes.get(body..).filter(|rest| !rest.is_empty()) else {
             return Err(FormatError::syntax(path, Place::Part("header".to_owned()), "no DATA", "a PCD header"));
@@ -108,9 +111,14 @@ fn parse_header(path: &Path, bytes: &[u8]) -> Result<Header, FormatError> {
         let words: Vec<String> = words.collect();
         let refuse = |expected: &str| FormatError::syntax(path, Place::Line(line), format!("{content:?}"), expected);
         let number = || words.first().and_then(|w| w.parse::<u64>().ok()).ok_or_else(|| refuse("a number"));
-        let slot = match keyword.to_ascii_uppercase().as_str() {
+        let keyword = keyword.to_ascii_uppercase().replace("COLUMNS", "FIELDS");
+        if seen.contains(&keyword) {
+            return Err(refuse("every line of the header once"));
+        }
+        seen.push(keyword.clone());
+        let slot = match keyword.as_str() {
             "VERSION" => continue,
-            "FIELDS" | "COLUMNS" => &mut lists[0],
+            "FIELDS" => &mut lists[0],
             "SIZE" => &mut lists[1],
             "TYPE" => &mut lists[2],
             "COUNT" => &mut lists[3],
@@ -127,7 +135,10 @@ fn parse_header(path: &Path, bytes: &[u8]) -> Result<Header, FormatError> {
                 continue;
             }
             "VIEWPOINT" => {
-                viewpoint = pose(&words).ok_or_else(|| refuse("VIEWPOINT and seven numbers"))?;
+                match pose(&words).ok_or_else(|| refuse("VIEWPOINT and seven numbers"))? {
+                    Some(pose) => viewpoint = Some(pose).filter(|pose| *pose != Isometry3::identity()),
+                    None => no_pose = Some(words.join(" ")),
+                }
                 continue;
             }
             "DATA" => match words.first().map(|w| w.to_ascii_lowercase()).as_deref() {
@@ -138,9 +149,7 @@ fn parse_header(path: &Path, bytes: &[u8]) -> Result<Header, FormatError> {
             },
             _ => return Err(refuse("a line of a PCD header of version 0.5 to 0.7")),
         };
-        if slot.replace(words).is_some() {
-            return Err(refuse("every line of the header once"));
-        }
+        *slot = Some(words);
     };
     let [names, sizes, kinds, counts] = lists;
     let refuse = |part: &str, found: String, expected: &str| {
@@ -176,19 +185,29 @@ fn parse_header(path: &Path, bytes: &[u8]) -> Result<Header, FormatError> {
     }
     let (width, height) = (width.unwrap_or(0), height.unwrap_or(1));
     let points = points.unwrap_or(width.saturating_mul(height));
-    Ok(Header { fields, width, height, points, viewpoint, data, body, line: line + 1 })
+    Ok(Header { fields, width, height, points, viewpoint, no_pose, data, body, line: line + 1 })
 }
 
-/// The sensor's pose; `None` inside for the identity, which writers put where they know nothing, and for what is no pose.
+/// The sensor's pose, which is the identity where writers know nothing; `None` inside for seven numbers that are no pose.
 fn pose(words: &[String]) -> Option<Option<Isometry3<f64>>> {
     let numbers: Vec<f64> = words.iter().map(|w| text::number(w)).collect::<Option<_>>()?;
     let [x, y, z, w, qx, qy, qz] = numbers[..] else { return None };
     let rotation = UnitQuaternion::try_new(Quaternion::new(w, qx, qy, qz), 1e-9);
     let pose = rotation.map(|rotation| Isometry3::from_parts(Translation3::new(x, y, z), rotation));
-    Some(pose.filter(|p| p.translation.vector.iter().all(|x| x.is_finite()) && *p != Isometry3::identity()))
+    Some(pose.filter(|p| p.translation.vector.iter().all(|x| x.is_finite())))
 }
 
 impl Header {
+    /// What it says that was not used.
+    fn notes(&self) -> Vec<String> {
+        let Self { width, height, points, .. } = self;
+        let unused = self.no_pose.as_ref().map(|found| format!("VIEWPOINT {found} is no pose and was not used"));
+        let other = (width.checked_mul(*height) != Some(*points) && *width > 0).then(|| {
+            format!("WIDTH {width} and HEIGHT {height} are not POINTS {points}: {points} points without rows were read")
+        });
+        unused.into_iter().chain(other).collect()
+    }
+
     fn numbers(&self) -> u64 {
         self.fields.iter().fold(0, |n, f| n.saturating_add(f.count))
     }
@@ -289,6 +308,10 @@ fn binary_rows(
         row
     };
     let (points, left) = body.split_at(size as usize);
+    if text::was_transferred_as_text(body, left.len()) {
+        let place = Place::Part("binary points".to_owned());
+        return Err(FormatError::syntax(path, place, text::ONLY_PAIRS, text::TRANSFERRED_AS_TEXT));
+    }
     let left = left.trim_ascii_end().len();
     if left > 0 {
         notes.push(format!("{left} bytes follow after the {} declared points and were not read", header.points));

@@ -57,6 +57,10 @@ impl Head {
 
     /// Whether a line still stands above the points.
     fn takes(&mut self, path: &Path, number: usize, content: &str) -> Result<bool, FormatError> {
+        // Excel's: what stands between the cells shows by itself.
+        if number == 1 && content.trim().to_ascii_lowercase().starts_with("sep=") {
+            return Ok(true);
+        }
         let cells = cells(content, true);
         let is_number = |cell: &&str| cell.is_empty() || decimal(cell).is_some();
         if let ([count], None) = (&cells[..], self.count) {
@@ -152,6 +156,16 @@ impl Table<'_> {
         Ok(())
     }
 
+    /// Whether four columns or more, without names, begin with one that says 0, 1, 2, 3 ... or 1, 2, 3, 4 ...
+    fn counts_lines(&self) -> bool {
+        let first = self.rows.first().map_or(2.0, |(position, _)| position[0]);
+        self.named_in == 0
+            && self.numbers.is_some_and(|numbers| numbers > 3)
+            && self.rows.len() >= 10
+            && (first == 0.0 || first == 1.0)
+            && self.rows.iter().enumerate().all(|(i, (position, _))| position[0] == first + i as f64)
+    }
+
     fn finish(self, head: Head) -> Result<CloudFile, FormatError> {
         let mut notes = vec![];
         let six = !self.rows.is_empty() && self.rows.iter().all(|(_, other)| other.is_some());
@@ -162,6 +176,12 @@ impl Table<'_> {
         }
         if let Some((line, title)) = head.title {
             notes.push(format!("line {line}, {title:?}, names no x, y and z: the first three columns were used"));
+        }
+        if self.counts_lines() {
+            notes.push(
+                "column 1 counts the lines and was taken for x: if it is a number of the point, name the columns in a line above (id x y z)"
+                    .to_owned(),
+            );
         }
         if self.commas == Some(false) {
             notes.push("commas were read as decimal separators".to_owned());

@@ -82,3 +82,19 @@ fn a_small_file_does_not_become_gigabytes() {
     let text = parse_depth(Path::new("a.png"), &bytes, None).expect_err("large").to_string();
     assert!(text.contains("a.png") && text.contains("30000 x 30000 pixels would take 5149 MiB"), "{text}");
 }
+
+#[test]
+fn pictures_of_depths_are_said_and_transparent_pixels_are_no_return() {
+    let file = npy("|u1", &[200, 100, 255], 3);
+    assert_eq!(file.image.depth, [0.2, 0.1, 0.0]);
+    assert!(file.notes.iter().any(|note| note.contains("integers of one byte")), "{:?}", file.notes);
+    let mut bytes = vec![];
+    let mut encoder = png::Encoder::new(&mut bytes, 3, 1);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    encoder.set_trns(&[3, 9][..]);
+    encoder.write_header().unwrap().write_image_data(&[3, 32, 3, 9, 3, 132]).unwrap();
+    let file = parse_depth(Path::new("a.png"), &bytes, None).unwrap();
+    assert_eq!(file.image.depth, [0.8, 0.0, 0.9]);
+    assert_eq!(file.notes, ["1 transparent pixels are taken for pixels without a return"]);
+}

@@ -36,3 +36,25 @@ fn every_flipped_bit_of_a_manifest_is_noticed() {
     std::fs::write(&path, older).unwrap();
     assert_eq!(Manifest::read(home.path()).expect("of an older program"), manifest);
 }
+
+#[test]
+fn every_flipped_bit_of_a_skipped_object_is_noticed() {
+    let home = tempfile::tempdir().unwrap();
+    let path = home.path().join("skipped/chair/a.json");
+    write_skipped(&path, "chair/a", "chair", Split::Validation, "the mesh has no area").unwrap();
+    let record = ObjectRecord {
+        object: "chair/a".to_owned(),
+        category: "chair".to_owned(),
+        split: Split::Validation,
+        status: ObjectStatus::Skipped { reason: "the mesh has no area".to_owned() },
+    };
+    assert_eq!(read_skipped(&path).expect("as written"), record);
+    let good = std::fs::read(&path).unwrap();
+    checksum::tests::every_flip_is_noticed(&good, 200, |bad| {
+        std::fs::write(&path, bad).unwrap();
+        read_skipped(&path).map(drop).map_err(|e| e.to_string())
+    });
+    let text = serde_json::to_string_pretty(&record).unwrap();
+    std::fs::write(&path, text).unwrap();
+    assert_eq!(read_skipped(&path).expect("of an older program"), record);
+}

@@ -52,6 +52,9 @@ fn binary(path: &Path, bytes: &[u8], count: u64) -> Result<Mesh, FormatError> {
         builder.push([12, 24, 36].map(|at| ([float(at), float(at + 4), float(at + 8)], None)));
     }
     let left = bytes.len() - HEADER - count as usize * FACET;
+    if text::was_transferred_as_text(&bytes[HEADER..], left) {
+        return Err(FormatError::syntax(path, Place::Byte(84), text::ONLY_PAIRS, text::TRANSFERRED_AS_TEXT));
+    }
     if left >= FACET {
         builder.notes.push(format!("{left} bytes follow after the {count} declared triangles and were not read"));
     }
@@ -86,6 +89,14 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
                 }
                 builder.push_polygon(&corners, path, || place)?;
                 corners.clear();
+            }
+            "facet" | "outer" | "endfacet" | "endsolid" if !corners.is_empty() => {
+                return Err(FormatError::syntax(
+                    path,
+                    place,
+                    format!("{word:?}"),
+                    "endloop behind the vertices of a facet",
+                ));
             }
             "" | "solid" | "facet" | "outer" | "endfacet" | "endsolid" | "color" => {}
             _ => {

@@ -67,14 +67,22 @@ impl<'a> Body<'a> {
     }
 
     /// What stands behind the last element, in words.
-    pub(super) fn left_over(self) -> Vec<String> {
+    ///
+    /// # Errors
+    /// So much that the rows were no rows.
+    pub(super) fn left_over(self, header: &Header) -> Result<Vec<String>, FormatError> {
         let mut notes = vec![];
         if let Some(line) = self.wide {
             notes.push(format!("line {line} has more values than the header declares; the first ones were read"));
         }
+        let behind = &self.bytes[self.at..];
         let left = match self.encoding {
             Encoding::Text => (self.lines.count(), "lines"),
-            _ => (self.bytes[self.at..].trim_ascii_end().len(), "bytes"),
+            _ if text::was_transferred_as_text(&self.bytes[header.body..], behind.len()) => {
+                let place = Place::Part("binary rows".to_owned());
+                return Err(FormatError::syntax(self.path, place, text::ONLY_PAIRS, text::TRANSFERRED_AS_TEXT));
+            }
+            _ => (behind.trim_ascii_end().len(), "bytes"),
         };
         if left.0 > 0 {
             notes.push(format!(
@@ -82,7 +90,7 @@ impl<'a> Body<'a> {
                 left.0, left.1
             ));
         }
-        notes
+        Ok(notes)
     }
 
     fn check_count(&self, element: &Element) -> Result<(), FormatError> {

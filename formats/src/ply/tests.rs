@@ -131,3 +131,17 @@ fn what_is_written_is_read() {
     write_ply_scene(&path, &points, &[[0, 1]]).unwrap();
     assert_eq!(crate::cloud::read_cloud(&path).unwrap().cloud.len(), 2);
 }
+
+#[test]
+fn binary_rows_sent_as_text_are_refused() {
+    let head = HEAD.replace("ascii", "binary_little_endian").replace("vertex 3", "vertex 9") + "end_header\n";
+    let body: Vec<u8> =
+        (0..9u8).flat_map(|i| [[10, i, 0, 0], [i, 1, 10, 0x3f], [0; 4], [0, 10, i, 0x40]].concat()).collect();
+    let pairs = |bytes: &[u8]| -> Vec<u8> {
+        bytes.iter().flat_map(|b| if *b == b'\n' { vec![b'\r', b'\n'] } else { vec![*b] }).collect()
+    };
+    let read = |body: &[u8]| parse_cloud(Path::new("a.ply"), &[&pairs(head.as_bytes()), body].concat());
+    assert_eq!(read(&body).unwrap().cloud.len(), 9, "a header with any line ends");
+    let error = read(&pairs(&body)).expect_err("shifted").to_string();
+    assert!(error.contains("a.ply\", binary rows: found a carriage return before every line feed"), "{error}");
+}

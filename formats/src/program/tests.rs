@@ -9,6 +9,10 @@ struct Cli {
     distance: Option<f64>,
     #[arg(long, value_parser = share)]
     below: Option<f64>,
+    #[arg(long, num_args = 1..)]
+    offset: Vec<f64>,
+    #[arg(long, num_args = 1..)]
+    place: Vec<String>,
 }
 
 fn parse(words: &[&str]) -> Result<CommonArgs, String> {
@@ -31,6 +35,19 @@ fn numbers_out_of_range_are_values_and_their_check_says_so() {
     }
     assert!(parse(&["--distance", "0.4", "--below", "0.01"]).is_ok());
     assert!(parse(&["-1"]).is_err(), "a number without its flag");
+}
+
+#[test]
+fn a_number_below_zero_is_a_value_however_it_is_written() {
+    let words = "program --offset -1e-3 -.5 -2E3 -4. --place -1,0,2 -1e-3,0,1 -0.6..1 --seed 7 -v";
+    let cli = parse_from::<Cli>(words.split(' ').map(OsString::from)).expect("values");
+    assert_eq!(cli.offset, [-1e-3, -0.5, -2e3, -4.0]);
+    let place: Vec<&str> = cli.place.iter().map(|text| text.trim()).collect();
+    assert_eq!(place, ["-1,0,2", "-1e-3,0,1", "-0.6..1"]);
+    assert_eq!((cli.common.seed, cli.common.verbose), (Some(7), 1), "flags stay flags");
+    for words in [["--distance", "-1e-3"], ["--distance", "-inf"], ["--distance", "-.5"]] {
+        assert!(parse(&words).expect_err(words[1]).contains("length above 0"), "{words:?}");
+    }
 }
 
 #[test]

@@ -109,3 +109,41 @@ fn a_small_file_does_not_become_gigabytes() {
         "{text}"
     );
 }
+
+#[test]
+fn a_header_that_contradicts_itself_is_refused_or_said() {
+    let ascii = format!("{HEAD}DATA ascii\n0 1 2 3 4 5\n6 7 8 9 10 11\n");
+    for line in ["WIDTH 2", "HEIGHT 1", "POINTS 2", "VIEWPOINT 1 2 3 1 0 0 0", "COLUMNS x y z nx ny nz"] {
+        let twice = ascii.replace("DATA", &format!("{line}\nDATA"));
+        let error = parse(Path::new("a.pcd"), twice.as_bytes()).expect_err(line).to_string();
+        assert!(error.contains("every line of the header once"), "{line}: {error}");
+    }
+    let read = |from: &str, to: &str| parse(Path::new("a.pcd"), ascii.replace(from, to).as_bytes()).unwrap();
+    let file = read("WIDTH 2", "WIDTH 7");
+    assert_eq!((file.cloud.len(), file.grid.is_some()), (2, false));
+    assert!(file.notes[0].contains("WIDTH 7 and HEIGHT 1 are not POINTS 2"), "{:?}", file.notes);
+    for none in ["nan 2 3 1 0 0 0", "1 2 3 0 0 0 0", "inf 0 0 1 0 0 0"] {
+        let file = read("1 2 3 1 0 0 0", none);
+        assert_eq!(file.viewpoint, None);
+        assert!(file.notes[0].contains(&format!("VIEWPOINT {none} is no pose")), "{:?}", file.notes);
+    }
+    let usual = read("1 2 3 1 0 0 0", "0 0 0 1 0 0 0");
+    assert_eq!((usual.viewpoint, usual.notes.len()), (None, 0), "what writers put who know nothing");
+}
+
+#[test]
+fn binary_points_sent_as_text_are_refused() {
+    let head = format!("{HEAD}DATA binary\n").replace("WIDTH 2", "WIDTH 40").replace("POINTS 2", "POINTS 40");
+    let body: Vec<u8> = (0..240).flat_map(|i| (i as f32 + 0.1).to_le_bytes()).chain([b'\n'; 3]).collect();
+    let body = &body[..960];
+    let mangled: Vec<u8> = body.iter().flat_map(|b| if *b == b'\n' { vec![b'\r', b'\n'] } else { vec![*b] }).collect();
+    let read = |body: &[u8]| parse(Path::new("a.pcd"), &[head.as_bytes(), body].concat());
+    assert_eq!(read(body).unwrap().cloud.len(), 40);
+    match mangled.len() > body.len() {
+        true => {
+            let error = read(&mangled).expect_err("shifted").to_string();
+            assert!(error.contains("carriage return before every line feed") && error.contains("FTP"), "{error}");
+        }
+        false => panic!("the data hold a line feed"),
+    }
+}

@@ -99,3 +99,18 @@ fn counts_and_colours_are_said() {
     assert!(notes("1 2 3 0.2 0.3 0.4\n4 5 6 0 0 1\n")[0].contains("columns 4 to 6"));
     assert!(notes("1 2 3 1.#IND 0 0\n1 2 4 1 0 0\n")[0].contains("columns 4 to 6"));
 }
+
+#[test]
+fn numbers_of_points_are_said_and_excels_first_line_is_none() {
+    let rows = |first: usize| (first..first + 12).map(|i| format!("{i} 0.5 0.25 {}\n", i * i)).collect::<String>();
+    for first in [0, 1] {
+        assert!(read(&rows(first)).unwrap().notes[0].contains("column 1 counts the lines"), "from {first}");
+    }
+    assert!(
+        read(&rows(2)).unwrap().notes.is_empty()
+            && read(&rows(1).replace("11 0.5", "11.5 0.5")).unwrap().notes.is_empty()
+    );
+    assert!(read(&format!("x y z i\n{}", rows(1))).unwrap().notes.is_empty(), "by name");
+    let file = read("sep=;\nx;y;z\n0,5;1,5;2\n").unwrap();
+    assert_eq!(file.cloud.points, [nalgebra::Point3::new(0.5, 1.5, 2.0)]);
+}

@@ -41,3 +41,22 @@ fn errors_name_place_found_and_expected() {
     assert!(error(b"solid a\nendsolid a").contains("found no facet"));
     assert!(error(b"").contains("0 bytes"));
 }
+
+#[test]
+fn facets_without_an_end_and_triangles_sent_as_text_are_refused() {
+    let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    let error = |bytes: &[u8]| parse(Path::new("a.stl"), bytes).expect_err("must fail").to_string();
+    let open = format!("solid\n{}{facet}endsolid\n", facet.replace("endloop\n", ""));
+    assert!(
+        error(open.as_bytes()).contains("line 7: found \"endfacet\", expected endloop"),
+        "{}",
+        error(open.as_bytes())
+    );
+    let mut bytes = triangle(b"");
+    for k in 0..3 {
+        bytes[96 + 12 * k] = b'\n';
+    }
+    assert!(parse(Path::new("a.stl"), &bytes).is_ok());
+    let sent: Vec<u8> = bytes.iter().flat_map(|b| if *b == b'\n' { vec![b'\r', b'\n'] } else { vec![*b] }).collect();
+    assert!(error(&sent).contains("carriage return before every line feed"), "{}", error(&sent));
+}
