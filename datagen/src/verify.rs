@@ -1,8 +1,11 @@
 //! Is a set whole and sound?
 
 use crate::config::DatagenConfig;
+use crate::generate::skip_path;
+use formats::error::REMAKE;
+use formats::manifest::read_skipped;
 use formats::surface::read_surface;
-use formats::{FormatError, Manifest, ObjectStatus, ShardReader};
+use formats::{FormatError, Manifest, ObjectRecord, ObjectStatus, ShardReader};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -41,7 +44,10 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
     for record in &manifest.objects {
         match &record.status {
             ObjectStatus::Missing => verdict.missing.push(record.object.clone()),
-            ObjectStatus::Skipped { .. } => verdict.skipped += 1,
+            ObjectStatus::Skipped { .. } => {
+                verdict.skipped += 1;
+                verdict.problems.extend(unlike_its_file(directory, record));
+            }
             ObjectStatus::Done { shard, .. } => {
                 if !known.insert(directory.join(shard)) {
                     verdict.problems.push(format!("{:?}: another object uses its shard {shard:?} too", record.object));
@@ -79,6 +85,19 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
             .push(format!("{path:?}: not in the manifest; run the same datagen command again to update the manifest"));
     }
     Ok(verdict)
+}
+
+/// What is wrong with the file that says why an object was skipped; imported sets have none.
+fn unlike_its_file(directory: &Path, record: &ObjectRecord) -> Option<String> {
+    let path = skip_path(directory, &record.object);
+    if !path.exists() {
+        return None;
+    }
+    match read_skipped(&path) {
+        Err(error) => Some(error.to_string()),
+        Ok(told) if told != *record => Some(format!("{path:?}: another record than in the manifest; {REMAKE}")),
+        Ok(_) => None,
+    }
 }
 
 /// Whether the settings that lie beside the shards are those that made them; an imported set has none.

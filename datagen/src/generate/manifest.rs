@@ -2,6 +2,7 @@
 
 use super::{GenerateError, Job};
 use formats::lock::LOCK;
+use formats::manifest::read_skipped;
 use formats::shard::SCHEMA_VERSION;
 use formats::{Manifest, ObjectRecord, ObjectStatus, ShardReader};
 use std::path::{Path, PathBuf};
@@ -45,8 +46,12 @@ fn gather(job: &Job, hash: &str) -> Manifest {
                 commit.get_or_insert(shard.commit);
                 return shard.objects.into_iter().next().unwrap_or(missing);
             }
-            let skipped = std::fs::read(skip_path(job.out, &object.name)).ok();
-            skipped.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or(missing)
+            let skipped = skip_path(job.out, &object.name);
+            let told = skipped.exists().then(|| read_skipped(&skipped)).transpose().unwrap_or_else(|error| {
+                tracing::warn!("{error}");
+                None
+            });
+            told.filter(|told| told.object == object.name).unwrap_or(missing)
         })
         .collect();
     Manifest {

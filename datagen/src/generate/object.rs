@@ -5,7 +5,8 @@ use crate::dataset::{Object, load_mesh};
 use crate::episode::{EpisodeError, run_episode_with};
 use crate::scene::Scene;
 use crate::search::SearchPlanner;
-use formats::run::{atomic_write, remove_temporaries};
+use formats::manifest::write_skipped;
+use formats::run::remove_temporaries;
 use formats::shard::SCHEMA_VERSION;
 use formats::surface::{read_surface, write_surface};
 use formats::{FormatError, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardReader, ShardWriter};
@@ -56,11 +57,8 @@ pub(super) fn make(
         }
         Err(reason) => {
             let reason = reason.to_string();
-            let record = record(object, ObjectStatus::Skipped { reason: reason.clone() });
-            let mut text = serde_json::to_string_pretty(&record).unwrap_or_default();
-            text.push('\n');
             remove_temporaries(&skip);
-            atomic_write(&skip, text.as_bytes())?;
+            write_skipped(&skip, &object.name, &object.category, object.split, &reason)?;
             Ok(Outcome::Skipped(reason))
         }
     }
