@@ -2,6 +2,7 @@
 
 use crate::{TrainConfig, TrainError};
 use clap::{Args, ValueEnum};
+use formats::lock::try_lock_of;
 use model::checkpoint::{self, Checkpoint};
 use model::encode::{EncodeConfig, Fill, Normalisation, Orientation};
 use model::published::{Network, Precision};
@@ -43,8 +44,9 @@ pub enum Format {
 ///
 /// # Errors
 ///
-/// Unreadable or misfitting weights, named tensor by tensor; settings that are none.
+/// Unreadable or misfitting weights, named tensor by tensor; settings that are none; an output that another process writes.
 pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
+    let _lock = try_lock_of(&args.output, "train convert")?;
     let device = model::device::open("cpu")?;
     let precision = match args.precision {
         Format::F32 => Precision::F32,

@@ -18,6 +18,9 @@ pub enum TrainError {
     /// A data or output file is unreadable or cannot be written.
     #[error(transparent)]
     Format(#[from] formats::FormatError),
+    /// Another process writes there.
+    #[error(transparent)]
+    Lock(#[from] formats::lock::LockError),
     /// A run directory cannot be made.
     #[error(transparent)]
     Run(#[from] formats::run::RunError),

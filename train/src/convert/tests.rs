@@ -17,6 +17,11 @@ fn a_checkpoint_of_pc_nbv_is_converted_as_what_it_is() {
         config: None,
         set: Vec::new(),
     };
+    let held = try_lock_of(&output, "another run").expect("free");
+    let busy = convert(&args).expect_err("held").to_string();
+    assert!(busy.contains("half\" is in use") && busy.contains("another run"), "{busy}");
+    assert!(!output.exists(), "nothing is written");
+    drop(held);
     convert(&args).expect("converted");
     let size = |d: &std::path::Path| std::fs::metadata(d.join(checkpoint::WEIGHTS)).expect("weights").len();
     assert!(size(&output) < size(&input) * 6 / 10, "{} of {}", size(&output), size(&input));
