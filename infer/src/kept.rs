@@ -24,6 +24,7 @@ pub fn service(config: &SessionConfig, network: Option<Network>, folder: &Path) 
         deadline_ms: UNHURRIED,
         max_deadline_ms: UNHURRIED,
         scans: 10_000,
+        body_mib: 1 << 20,
         session_mib: 1 << 20,
         memory_mib: 1 << 20,
         ..ServiceConfig::default()

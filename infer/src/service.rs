@@ -185,17 +185,21 @@ impl Service {
         Self { check: Some((check, asks)), ..self }
     }
 
-    /// The same with the sessions of a folder, in which all is kept from now on. Each is read when it is first asked for.
+    /// The same with the sessions of a folder, in which all is kept from now on. Each is read, within the memory that there is, when it
+    /// is first asked for; what is wrong with it is answered then.
     ///
     /// # Errors
-    /// The folder is in use, cannot be read, or holds more than the limits allow.
+    /// The folder is in use, or cannot be read.
     pub fn keeping_state(mut self, folder: &Path) -> anyhow::Result<Self> {
         let (store, found) = Store::open(folder)?;
         let mut sessions = Sessions { last: found.last, ..Sessions::default() };
-        for (id, record) in found.sessions {
-            let scans = record.scans;
-            let open = Open::on_disk(record, self.network.clone(), &self.memory)
-                .map_err(|e| anyhow::anyhow!("{}: session {id}: {}", folder.display(), e.message))?;
+        for (id, scans) in found.sessions {
+            let scans = scans.unwrap_or_else(|error| {
+                tracing::warn!("session {id}: {error}");
+                0
+            });
+            let open = Open::on_disk(self.config.clone(), self.network.clone(), &self.memory)
+                .map_err(|e| anyhow::anyhow!("{}", e.message))?;
             sessions.open.insert(id, Arc::new(Entry::new(id, open, scans)));
         }
         self.count.store(sessions.open.len(), Ordering::Relaxed);

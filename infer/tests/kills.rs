@@ -80,3 +80,69 @@ fn a_session_killed_at_random_moments_loses_nothing() {
         "to the last digit"
     );
 }
+
+#[test]
+fn damaged_and_huge_files_cost_their_own_session_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let state = folder.path().join("state");
+    let at = |name: &str| state.join(name);
+    let text = state.display().to_string();
+    let start = || {
+        let memory = ["--set", "service.memory_mib=1024", "--set", "service.sessions=10000"];
+        Server::start_with(&[&["--planner", "farthest", "--state", &text][..], &memory].concat())
+    };
+    let mut server = start();
+    let names: Vec<String> = (0..7).map(|_| server.session()).collect();
+    for name in &names {
+        for number in 0..2 {
+            assert_eq!(server.ask("POST", &format!("/sessions/{name}/scans"), &scan(number)).0, 200);
+        }
+    }
+    server.process.kill().expect("SIGKILL");
+    server.process.wait().expect("gone");
+
+    let hole = |name: &str, bytes: u64| std::fs::File::create(at(name)).and_then(|f| f.set_len(bytes)).expect("a hole");
+    let good = std::fs::read_to_string(at("1/session.toml")).expect("a session");
+    std::fs::write(at("2/session.toml"), &good[..good.len() / 2]).expect("cut");
+    hole("3/session.toml", 4 << 30);
+    hole("4/scan-0001", 4 << 30);
+    std::fs::remove_file(at("5/session.toml")).expect("removed");
+    let made = std::process::Command::new("mkfifo").arg(at("5/session.toml")).status();
+    assert!(made.is_ok_and(|status| status.success()), "a pipe");
+    // As large as a scan may be, and nothing in it.
+    let head = std::fs::read(at("6/scan-0001")).expect("a scan");
+    let end = head.iter().position(|b| *b == b'\n').expect("a head") + 1;
+    let bomb =
+        [&head[..end], format!(r#"{{"points": [{}[1,2,3]]}}"#, "[0,0,0],".repeat(8_000_000)).as_bytes()].concat();
+    std::fs::write(at("6/scan-0001"), bomb).expect("written");
+    std::fs::write(at("7/session.toml"), good.replace("scans = 2", "scans = 4000000000")).expect("written");
+    // More sessions than there is room for at once.
+    for name in 100..2600 {
+        std::fs::create_dir(at(&name.to_string())).expect("a folder");
+        std::fs::write(at(&format!("{name}/session.toml")), good.replace("scans = 2", "scans = 0")).expect("written");
+    }
+    std::fs::write(at("state.toml"), "version = ").expect("cut");
+
+    let server = start();
+    let next = |name: &str| server.ask("POST", &format!("/sessions/{name}/next"), "{}");
+    for (name, file) in [
+        ("2", "2/session.toml"),
+        ("3", "3/session.toml"),
+        ("4", "4/scan-0001"),
+        ("5", "5/session.toml"),
+        ("6", "6/scan-0001"),
+        ("7", "7/scan-0003"),
+    ] {
+        let (status, answer) = next(name);
+        assert!(status == 500 && answer.to_string().contains(file), "{name}: {status} {answer}");
+    }
+    let (status, answer) = next("1");
+    assert!(status == 200 && answer["cloud"]["scans"] == 2, "{answer}");
+    assert_eq!(next("2500").0, 422, "no scan yet");
+    let fresh: u64 = server.session().parse().expect("a number");
+    assert!(fresh > 100_000, "no name is given twice: {fresh}");
+    assert_eq!(server.ask("DELETE", "/sessions/3", "").0, 200, "the way out");
+    let [_, peak] = server.memory();
+    println!("{} sessions of which six are damaged: peak of the resident memory {peak:.0} MiB", 2507);
+    assert!(peak < 1024.0 + 256.0, "{peak} MiB");
+}

@@ -22,6 +22,10 @@ use std::path::{Path, PathBuf};
 
 /// Of the files.
 const VERSION: u32 = 1;
+/// Settings and answers take less, bytes.
+const RECORD: u64 = 8 << 20;
+/// Names that may have been given where nothing tells any more which were.
+const FORGOTTEN: u64 = 1_000_000;
 
 /// A folder of sessions that nobody else writes to.
 pub struct Store {
@@ -59,12 +63,12 @@ impl Record {
 }
 
 /// What a folder holds.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Found {
     /// The last name given to a session.
     pub last: u64,
-    /// The sessions by name.
-    pub sessions: Vec<(u64, Record)>,
+    /// The sessions by name, with the number of their scans, or what is wrong with them.
+    pub sessions: Vec<(u64, Result<usize, StoreError>)>,
 }
 
 /// A scan as it was asked for.
@@ -137,16 +141,26 @@ fn version(path: &Path, found: u32) -> Result<(), StoreError> {
     }
 }
 
+/// Bytes of a regular file: of what else may lie there, none is opened.
+fn size(path: &Path) -> Result<u64, StoreError> {
+    let about = fs::metadata(path).map_err(io(path))?;
+    if about.is_file() { Ok(about.len()) } else { Err(damaged(path, "not a regular file")) }
+}
+
 fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
+    let size = size(path)?;
+    if size > RECORD {
+        return Err(damaged(path, format!("{} MiB, and no such file is larger than {}", size >> 20, RECORD >> 20)));
+    }
     let text = fs::read_to_string(path).map_err(io(path))?;
     toml::from_str(&text).map_err(|e| damaged(path, e))
 }
 
 impl Store {
-    /// This folder, made where there is none, and what it holds.
+    /// This folder, made where there is none, and what it holds. What is damaged in it keeps nobody from the rest.
     ///
     /// # Errors
-    /// It is in use, cannot be read, or holds something else.
+    /// It is in use, cannot be read, or is of another version.
     pub fn open(folder: &Path) -> Result<(Self, Found), StoreError> {
         fs::create_dir_all(folder).map_err(io(folder))?;
         let at = folder.join("lock");
@@ -158,10 +172,20 @@ impl Store {
         }
         let store = Self { folder: folder.to_owned(), lock };
         let at = folder.join("state.toml");
-        let last = match fs::exists(&at).map_err(io(&at))? {
-            true => read_toml::<State>(&at).and_then(|state| version(&at, state.version).map(|()| state.last))?,
-            false => 0,
-        };
+        let mut last = 0;
+        let mut forgotten = false;
+        if fs::exists(&at).map_err(io(&at))? {
+            match read_toml::<State>(&at) {
+                Ok(state) => {
+                    version(&at, state.version)?;
+                    last = state.last;
+                }
+                Err(error) => {
+                    tracing::warn!("{error}; new sessions get names that no older one can have had");
+                    forgotten = true;
+                }
+            }
+        }
         let mut sessions = Vec::new();
         for entry in fs::read_dir(folder).map_err(io(folder))? {
             let name = entry.map_err(io(folder))?.file_name();
@@ -171,12 +195,11 @@ impl Store {
             if !fs::exists(&at).map_err(io(&at))? {
                 continue;
             }
-            let record: Record = read_toml(&at)?;
-            version(&at, record.version)?;
-            sessions.push((id, record));
+            sessions.push((id, store.record(id).map(|record| record.scans)));
         }
         sessions.sort_by_key(|(id, _)| *id);
         let last = sessions.last().map_or(last, |(id, _)| last.max(*id));
+        let last = last.saturating_add(if forgotten { FORGOTTEN } else { 0 });
         Ok((store, Found { last, sessions }))
     }
 
@@ -230,7 +253,22 @@ impl Store {
     /// # Errors
     /// It cannot be read.
     pub fn record(&self, id: u64) -> Result<Record, StoreError> {
-        read_toml(&self.record_path(id))
+        let at = self.record_path(id);
+        let record: Record = read_toml(&at)?;
+        version(&at, record.version).map(|()| record)
+    }
+
+    /// Bytes of a scan with its settings, of a body of at most `body`.
+    ///
+    /// # Errors
+    /// It cannot be read, or none of that size was written.
+    pub fn scan_size(&self, id: u64, number: usize, body: usize) -> Result<usize, StoreError> {
+        let path = self.scan_path(id, number);
+        let (size, most) = (size(&path)?, body as u64 + RECORD);
+        match size > most {
+            true => Err(damaged(&path, format!("{} MiB, and no scan is larger than {}", size >> 20, most >> 20))),
+            false => Ok(size as usize),
+        }
     }
 
     /// A scan, from 1, and the settings that it came under.

@@ -37,13 +37,13 @@ impl Open {
         Ok(open)
     }
 
-    /// As it is on disk, whose scans are read later.
+    /// One that is on disk and read later: until then it holds nothing.
     ///
     /// # Errors
-    /// As [`Open::empty`].
-    pub fn on_disk(record: Record, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
-        let answers = Answers::from_disk(record.answers);
-        Ok(Self { answers, unread: true, ..Self::empty(record.config, network, memory)? })
+    /// Bad settings.
+    pub fn on_disk(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
+        let session = Session::new(config, network)?;
+        Ok(Self { session, held: memory.nothing(), answers: Answers::default(), unread: true })
     }
 
     /// As it goes to disk.
@@ -203,27 +203,29 @@ impl Service {
     /// Reads a session that has not been read, or could not be written.
     fn be_current(&self, id: u64, open: &mut Open) -> Result<(), Refusal> {
         let Some(store) = self.store.as_ref().filter(|_| open.unread) else { return Ok(()) };
-        let read = read_back(store, id, open);
+        let read = read_back(store, id, open, self.limits.body());
         if read.is_err() {
             open.session.reset();
-            open.held.resize(open.memory())?;
+            open.held.shrink(open.memory());
         }
         read
     }
 }
 
-/// The session as it is on disk.
-fn read_back(store: &Store, id: u64, open: &mut Open) -> Result<(), Refusal> {
-    let record = store.record(id)?;
+/// The session as it is on disk, whose scans came in bodies of at most `most` bytes: nothing is read before there is memory for it.
+fn read_back(store: &Store, id: u64, open: &mut Open, most: usize) -> Result<(), Refusal> {
     open.session.reset();
+    open.held.cover(open.memory())?;
+    let record = store.record(id)?;
     for number in 1..=record.scans {
+        let reading = super::reading(Method::AddScan, store.scan_size(id, number, most)?);
+        open.held.cover(open.memory() + reading)?;
         let (config, Written { line, bytes }) = store.scan(id, number)?;
         let body = if line { Body::Line(&bytes) } else { Body::Whole(&bytes) };
         let refused = |why: Refusal| store.refused(id, number, why.message);
-        let Ask::AddScan { scan, misses, .. } = Ask::parse(Method::AddScan, body, false, false).map_err(refused)?
-        else {
-            return Err(Refusal::internal());
-        };
+        let ask = Ask::parse(Method::AddScan, body, false, false).map_err(refused)?;
+        open.held.cover(open.memory() + reading + ask.work())?;
+        let Ask::AddScan { scan, misses, .. } = ask else { return Err(Refusal::internal()) };
         let Loaded { scan, reading } = meant(*scan, misses, &config);
         let unhurried = Budget::default();
         let configured = open.session.configure(config);
