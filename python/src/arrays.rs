@@ -233,10 +233,10 @@ pub fn of_mesh(py: Python<'_>, mesh: Mesh) -> PyResult<MeshArrays<'_>> {
 
 /// 4 x 4.
 pub fn of_pose<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    of_rows(py, &planning::pose::Pose::from(pose).matrix)
+    of_matrix(py, &planning::pose::Pose::from(pose).matrix)
 }
 
 /// As (4, 4).
-pub fn of_rows<'py>(py: Python<'py>, rows: &[[f64; 4]; 4]) -> PyResult<Bound<'py, PyArray2<f64>>> {
+pub fn of_matrix<'py>(py: Python<'py>, rows: &[[f64; 4]; 4]) -> PyResult<Bound<'py, PyArray2<f64>>> {
     PyArray1::from_vec(py, rows.as_flattened().to_vec()).reshape([4, 4])
 }

@@ -80,7 +80,7 @@ fn verdict(answer: &Bound<'_, PyAny>) -> PyResult<Verdict> {
 fn asking(check: Py<PyAny>, raised: Arc<Mutex<Option<PyErr>>>) -> ViewCheck {
     let ask = move |view: &AskedView| {
         Python::attach(|py| {
-            let pose = arrays::of_rows(py, &view.cell_from_camera.matrix)?;
+            let pose = arrays::of_matrix(py, &view.cell_from_camera.matrix)?;
             verdict(&check.bind(py).call1((pose,))?)
         })
     };
