@@ -333,7 +333,7 @@ fn serve(service: Service, node: Option<&Ros2Config>, args: &Args) -> Result<()>
     }
     if node.is_some() {
         bail!(
-            "--ros2: this infer was built without ROS 2; cargo install --path infer --features ros2 builds one with it"
+            "--ros2: this infer was built without ROS 2; cargo install --locked --path infer --features ros2 builds one with it"
         );
     }
     if let Some(address) = args.http {
