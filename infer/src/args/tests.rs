@@ -11,6 +11,19 @@ fn the_command_line_is_consistent() {
 }
 
 #[test]
+fn the_short_help_fits_a_screen_and_the_long_one_has_every_option() {
+    use clap::CommandFactory;
+    let mut command = Args::command();
+    let (short, long) = (command.render_help().to_string(), command.render_long_help().to_string());
+    assert!(short.lines().count() <= 64, "{short}");
+    for option in command.get_opts() {
+        let flag = format!("--{}", option.get_long().expect("a name"));
+        assert!(long.contains(&flag) && (short.contains(&flag) || option.is_hide_short_help_set()), "{flag}");
+        assert!(option.get_help_heading().is_some(), "{flag} is in no group");
+    }
+}
+
+#[test]
 fn flags_that_do_nothing_are_refused() {
     for (words, said) in [
         ("--http 127.0.0.1:0 --scan a", "--http"),
