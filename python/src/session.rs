@@ -127,7 +127,9 @@ impl RobotSession {
         .map_err(PyErr::from)
     }
 
-    fn add(&self, py: Python<'_>, Loaded { scan, reading }: Loaded) -> PyResult<String> {
+    fn add(&self, py: Python<'_>, loaded: Loaded, table_angle_deg: Option<f64>) -> PyResult<String> {
+        let Loaded { scan, mut reading } = loaded;
+        reading.table_angle_deg = table_angle_deg;
         self.work(py, |session| {
             let notes = reading.notes.clone();
             let report = session.add_scan_within(scan, reading, &Budget::default())?;
@@ -148,7 +150,7 @@ impl RobotSession {
         Ok(Self { session: Mutex::new(session), owner: Mutex::default() })
     }
 
-    #[pyo3(signature = (depth, intrinsics, world_from_camera, misses, metres_per_unit, distortion, distortion_model))]
+    #[pyo3(signature = (depth, intrinsics, world_from_camera, misses, metres_per_unit, distortion, distortion_model, table_angle_deg))]
     fn add_depth(
         &self,
         py: Python<'_>,
@@ -159,6 +161,7 @@ impl RobotSession {
         metres_per_unit: Option<f64>,
         distortion: Option<Vec<f64>>,
         distortion_model: &str,
+        table_angle_deg: Option<f64>,
     ) -> PyResult<String> {
         let pose = arrays::pose("world_from_camera", world_from_camera)?;
         let intrinsics = arrays::intrinsics("intrinsics", intrinsics)?;
@@ -169,10 +172,10 @@ impl RobotSession {
         let lens = lens.map_err(|found| Fault::Value(format!("distortion: found {found}")))?.unwrap_or_default();
         let camera = DepthCamera { intrinsics, lens, size: None };
         let loaded = infer::load::from_depth_file(file, &camera, pose, misses).map_err(Fault::from)?;
-        self.add(py, loaded)
+        self.add(py, loaded, table_angle_deg)
     }
 
-    #[pyo3(signature = (points, origin, world_from_camera, normals))]
+    #[pyo3(signature = (points, origin, world_from_camera, normals, table_angle_deg))]
     fn add_points(
         &self,
         py: Python<'_>,
@@ -180,6 +183,7 @@ impl RobotSession {
         origin: Option<&Bound<'_, PyAny>>,
         world_from_camera: Option<&Bound<'_, PyAny>>,
         normals: Option<&Bound<'_, PyAny>>,
+        table_angle_deg: Option<f64>,
     ) -> PyResult<String> {
         let points = arrays::points("points", points)?;
         let normals = normals.map(|n| arrays::vectors("normals", n)).transpose()?.unwrap_or_default();
@@ -201,11 +205,15 @@ impl RobotSession {
             (None, None) => None,
         };
         let scan = Scan::Cloud { cloud: PointCloud { points, normals }, from };
-        self.add(py, Loaded { scan, reading: Reading { metres_per_unit: Some(1.0), ..Reading::default() } })
+        self.add(
+            py,
+            Loaded { scan, reading: Reading { metres_per_unit: Some(1.0), ..Reading::default() } },
+            table_angle_deg,
+        )
     }
 
     /// A cloud in the bytes of a file; the extension of its name determines the format.
-    #[pyo3(signature = (name, content, origin, millimetres))]
+    #[pyo3(signature = (name, content, origin, millimetres, table_angle_deg))]
     fn add_bytes(
         &self,
         py: Python<'_>,
@@ -213,11 +221,12 @@ impl RobotSession {
         content: &[u8],
         origin: Option<&Bound<'_, PyAny>>,
         millimetres: Option<bool>,
+        table_angle_deg: Option<f64>,
     ) -> PyResult<String> {
         let unit = millimetres.map(|mm| if mm { infer::Unit::Mm } else { infer::Unit::M });
         let origin = origin.map(|o| arrays::position("origin", o)).transpose()?.map(|p| p.coords.into());
         let loaded = crate::fault::detached(py, || Ok(infer::load::cloud_bytes(name, content, unit, origin)?))?;
-        self.add(py, loaded)
+        self.add(py, loaded, table_angle_deg)
     }
 
     fn set_given_views(&self, py: Python<'_>, poses: Vec<Bound<'_, PyAny>>) -> PyResult<()> {

@@ -208,6 +208,15 @@ def test_what_the_arm_cannot_reach_is_ruled_out(sheet):
     assert session.next_view() == free
 
 
+def test_a_scan_on_a_turntable_is_brought_into_the_frame_of_the_object(sheet, tmp_path):
+    session = benbv.Session(0.8, config={"turntable": {"stops_deg": [0, 90], "axis_point_m": [0.06, 0.06, 0]}, "max_points": 0})
+    session.add_points(sheet + [0.01, 0, 0], origin=(0.06, 0.06, 0.8), table_angle_deg=90)
+    low, high = np.min(session.cloud()[0], 0), np.max(session.cloud()[0], 0)
+    assert np.allclose(low, (0, -0.006, 0), atol=1e-6) and np.allclose(high, (0.116, 0.11, 0), atol=1e-6)
+    session.save(tmp_path / "kept.npz")
+    assert benbv.Session.load(tmp_path / "kept.npz").next_view() == session.next_view()
+
+
 def test_sessions_are_saved_and_loaded(sheet, tmp_path):
     session = benbv.Session(0.8, config={"stop_below": 0.02})
     session.add_points(sheet.astype(np.float32), origin=(0.06, 0.06, 0.8), normals=np.tile([0.1, 0.2, 0.97], (900, 1)))

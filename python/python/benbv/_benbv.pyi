@@ -24,6 +24,7 @@ class Session:
         metres_per_unit: float | None,
         distortion: Sequence[float] | None,
         distortion_model: str,
+        table_angle_deg: float | None,
     ) -> str: ...
     def add_points(
         self,
@@ -31,11 +32,21 @@ class Session:
         origin: ArrayLike | None,
         world_from_camera: ArrayLike | None,
         normals: ArrayLike | None,
+        table_angle_deg: float | None,
     ) -> str: ...
-    def add_bytes(self, name: str, content: bytes, origin: ArrayLike | None, millimetres: bool | None) -> str: ...
+    def add_bytes(
+        self,
+        name: str,
+        content: bytes,
+        origin: ArrayLike | None,
+        millimetres: bool | None,
+        table_angle_deg: float | None,
+    ) -> str: ...
     def set_given_views(self, poses: Sequence[ArrayLike]) -> None: ...
     def next_view(
-        self, position: ArrayLike | None, reachable: Callable[[NDArray[np.float64]], bool | float | str | tuple[bool, float | str] | None] | None
+        self,
+        position: ArrayLike | None,
+        reachable: Callable[[NDArray[np.float64]], bool | float | str | tuple[bool, float | str] | None] | None,
     ) -> tuple[str, str | None]: ...
     def configure(self, changes: str) -> None: ...
     def config(self) -> str: ...

@@ -76,7 +76,7 @@ class Session:
 
     def _add(self, kind: str, arrays: Mapping[str, Any], words: dict[str, Any]) -> ScanReport:
         """Adds a scan and keeps it as it came."""
-        a, native = arrays, self._native
+        a, native, angle = arrays, self._native, words.get("table_angle_deg")
         with self._lock:
             if kind == "depth":
                 text = native.add_depth(
@@ -87,11 +87,12 @@ class Session:
                     words["metres_per_unit"],
                     words["distortion"],
                     words["distortion_model"],
+                    angle,
                 )
             elif kind == "points":
-                text = native.add_points(a["points"], a.get("origin"), a.get("world_from_camera"), a.get("normals"))
+                text = native.add_points(a["points"], a.get("origin"), a.get("world_from_camera"), a.get("normals"), angle)
             else:
-                text = native.add_bytes(words["name"], a["raw"].tobytes(), a.get("origin"), words["millimetres"])
+                text = native.add_bytes(words["name"], a["raw"].tobytes(), a.get("origin"), words["millimetres"], angle)
             # Not before it is known to be one, of a size that can be kept.
             self._kept.append(kept.KeptScan.of(kind, arrays, words, self.config))
         raw = json.loads(text)
@@ -124,6 +125,7 @@ class Session:
         metres_per_unit: float | None = None,
         distortion: Sequence[float] | None = None,
         distortion_model: str = "brown_conrady",
+        table_angle_deg: float | None = None,
     ) -> ScanReport:
         """Adds a depth image.
 
@@ -132,7 +134,8 @@ class Session:
         (column, row) is sampled at its integer coordinate. `misses`: whether a pixel without a return is `"free"` space or
         `"unknown"`; by default as the settings say. `distortion` has the lens's coefficients in OpenCV's order: k1, k2, p1, p2,
         k3, k4, k5, k6, of which the later ones may be left out, or k1 to k4 with `distortion_model="fisheye"`; the image is
-        undistorted on reading.
+        undistorted on reading. `table_angle_deg` is the turntable's angle (`turntable` of the settings): the scan is given in the
+        frame that does not turn.
         """
         return self._add(
             "depth",
@@ -142,6 +145,7 @@ class Session:
                 "metres_per_unit": metres_per_unit,
                 "distortion": None if distortion is None else [float(k) for k in distortion],
                 "distortion_model": distortion_model,
+                "table_angle_deg": table_angle_deg,
             },
         )
 
@@ -152,27 +156,35 @@ class Session:
         origin: ArrayLike | None = None,
         world_from_camera: ArrayLike | None = None,
         normals: ArrayLike | None = None,
+        table_angle_deg: float | None = None,
     ) -> ScanReport:
         """Adds a cloud: `points` (N, 3) in the world frame, metres; NaN for no return.
 
         The camera is given by `origin`, its position (3,), or by `world_from_camera`, its pose; without either it is
-        estimated. `normals` (N, 3) of any length; zero where one is not known.
+        estimated. `normals` (N, 3) of any length; zero where one is not known. `table_angle_deg` as in `add_depth`.
         """
         camera = {"origin": origin, "world_from_camera": world_from_camera}
-        return self._add("points", {"points": points, **camera, "normals": normals}, {})
+        return self._add("points", {"points": points, **camera, "normals": normals}, {"table_angle_deg": table_angle_deg})
 
     def add_file(
-        self, path: str | PathLike[str], *, origin: ArrayLike | None = None, unit: str | None = None
+        self,
+        path: str | PathLike[str],
+        *,
+        origin: ArrayLike | None = None,
+        unit: str | None = None,
+        table_angle_deg: float | None = None,
     ) -> ScanReport:
         """Adds the cloud in a file, as `infer --scan` does: an organised one becomes the depth image that its pixels prove.
 
         `unit` (`"m"` or `"mm"`) is that of the cloud and of `origin`; by default the one that the file names, or metres.
+        `table_angle_deg` as in `add_depth`.
         """
         if unit not in (None, "m", "mm"):
             raise ValueError(f"unit: {unit!r}, expected 'm' or 'mm'")
         raw = np.frombuffer(_benbv.read_file(path), np.uint8)
         millimetres = None if unit is None else unit == "mm"
-        return self._add("file", {"raw": raw, "origin": origin}, {"name": os.fspath(path), "millimetres": millimetres})
+        words = {"name": os.fspath(path), "millimetres": millimetres, "table_angle_deg": table_angle_deg}
+        return self._add("file", {"raw": raw, "origin": origin}, words)
 
     def set_given_views(self, poses: Sequence[ArrayLike]) -> None:
         """Chooses from these poses, (4, 4) `world_from_camera` each, alone from now on: turntable stops, taught poses.
