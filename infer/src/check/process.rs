@@ -35,6 +35,14 @@ struct Told {
     ended: Option<String>,
 }
 
+/// A question that is open.
+struct Question {
+    number: u64,
+    answer: Receiver<Result<Answered, String>>,
+    /// Of the program that it was put to.
+    told: Waiting,
+}
+
 struct Running {
     process: Child,
     questions: SyncSender<Vec<u8>>,
@@ -56,7 +64,7 @@ pub fn program(command: &str, timeout: Duration) -> ViewCheck {
 
 impl CheckedBy {
     fn ask(&self, views: &[AskedView], budget: &Budget) -> Result<Vec<Verdict>, String> {
-        let (told, number, answer) = self.put(views)?;
+        let Question { number, answer, told } = self.put(views)?;
         let end = Instant::now() + self.timeout;
         loop {
             match answer.recv_timeout(LOOK) {
@@ -79,7 +87,7 @@ impl CheckedBy {
     }
 
     /// Asks; the answer comes later.
-    fn put(&self, views: &[AskedView]) -> Result<(Waiting, u64, Receiver<Result<Answered, String>>), String> {
+    fn put(&self, views: &[AskedView]) -> Result<Question, String> {
         let mut slot = lock(&self.running);
         if slot.as_ref().is_some_and(|running| lock(&running.told).ended.is_some()) {
             *slot = None;
@@ -100,7 +108,9 @@ impl CheckedBy {
         match running.questions.try_send(question(number, views)) {
             Err(TrySendError::Full(_)) => Err(format!("it has not read the last {UNREAD} questions")),
             // It has closed its end: what its stdout says is the reason.
-            Ok(()) | Err(TrySendError::Disconnected(_)) => Ok((Arc::clone(&running.told), number, answer)),
+            Ok(()) | Err(TrySendError::Disconnected(_)) => {
+                Ok(Question { number, answer, told: Arc::clone(&running.told) })
+            }
         }
     }
 }
