@@ -14,6 +14,7 @@ pub mod error;
 pub mod file;
 pub mod frame_history;
 pub mod html;
+mod json;
 pub mod lock;
 pub mod manifest;
 pub mod mesh;

@@ -102,7 +102,7 @@ pub struct Args {
     ///
     /// The clouds come first. Scans and cameras are given in the cell's frame, which does not turn. The table itself is described by
     /// [turntable] in the settings.
-    #[arg(help_heading = SCANS, hide_short_help = true, long, num_args = 1.., value_name = "DEGREES", value_parser = angle, allow_negative_numbers = true, conflicts_with_all = ["object", "serve"])]
+    #[arg(help_heading = SCANS, hide_short_help = true, long, num_args = 1.., value_name = "DEGREES", value_parser = angle, conflicts_with_all = ["object", "serve"])]
     pub table_angle_deg: Vec<f64>,
     /// Keep the session here and add the scans to earlier ones
     ///
@@ -112,7 +112,7 @@ pub struct Args {
     /// Distance from target to camera, or MIN..MAX [default: 1.2]
     ///
     /// In metres; with MIN..MAX, the planner chooses.
-    #[arg(help_heading = PLANNING, long, value_name = "METRES", allow_hyphen_values = true, value_parser = distances)]
+    #[arg(help_heading = PLANNING, long, value_name = "METRES", value_parser = distances)]
     pub distance: Option<(f64, f64)>,
     /// auto, volumetric, benbv-net or farthest [default: auto]
     #[arg(help_heading = PLANNING, long, value_name = "NAME", value_parser = planner)]
@@ -290,14 +290,9 @@ impl Args {
         Ok(self.pose.split_at(of_clouds))
     }
 
-    /// Parses a command line. Numbers with commas that begin with a minus are values, not flags.
+    /// Parses a command line.
     pub fn from_command_line(words: impl Iterator<Item = OsString>) -> Result<Self, clap::Error> {
-        let is_number = |word: &str| word.starts_with('-') && word.contains(',') && !word.starts_with("--");
-        formats::program::parse_from(words.map(|word| match word.to_str() {
-            // A space in front keeps the parser from taking the minus for a flag; it is trimmed later.
-            Some(text) if is_number(text) => OsString::from(format!(" {text}")),
-            _ => word,
-        }))
+        formats::program::parse_from(words)
     }
 }
 

@@ -122,7 +122,7 @@ impl Loaded {
         let Some(given) = given else { return self };
         let given = Point3::from(given) * self.reading.metres_per_unit.unwrap_or(1.0);
         match &mut self.scan {
-            Scan::Cloud { from, .. } => *from = Some(given),
+            Scan::Cloud { from, .. } => self.reading.notes.extend(replace_position(from, given)),
             Scan::Depth { world_from_camera, .. } => {
                 let proven = Point3::from(world_from_camera.translation.vector);
                 if (proven - given).norm() > 1e-3 {
@@ -137,6 +137,15 @@ impl Loaded {
         }
         self
     }
+}
+
+/// Takes the camera's position given in place of the one that the file tells; said where they are not the same.
+fn replace_position(from: &mut Option<Point3<f64>>, given: Point3<f64>) -> Option<String> {
+    let told = from.replace(given).filter(|told| (told - given).norm() > 1e-3)?;
+    Some(format!(
+        "the file has its camera at ({:.3}, {:.3}, {:.3}) m: the position given was used instead",
+        told.x, told.y, told.z
+    ))
 }
 
 /// The camera of a depth image as it is calibrated.
@@ -255,7 +264,8 @@ pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded>
     };
     check_ahead(&cloud.points, &world_from_camera)
         .map_err(|why| anyhow::anyhow!("--pose {pose}, {}: {why}", path.display()))?;
-    *from = Some(Point3::from(world_from_camera.translation.vector));
+    let note = replace_position(from, Point3::from(world_from_camera.translation.vector));
+    loaded.reading.notes.extend(note);
     Ok(loaded)
 }
 

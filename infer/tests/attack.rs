@@ -1,7 +1,8 @@
 //! The service under attack: clients that send what they like, for seconds, or for `INFER_ATTACK_SECONDS`, by
-//! `INFER_ATTACK_CLIENTS` at once. What is promised: no session is lost, memory stays in its bounds, health is always told.
+//! `INFER_ATTACK_CLIENTS` at once. What is promised: no session is lost, memory stays in its bounds, health is always told. For a third
+//! of the time the same clients are honest alone: what their requests take then is what the rest is held against.
 //!
-//! The long run: `INFER_ATTACK_SECONDS=150 cargo test --workspace --test attack -- --nocapture`.
+//! The long run: `INFER_ATTACK_SECONDS=900 INFER_ATTACK_CLIENTS=8 cargo test --workspace --test attack -- --nocapture`.
 
 mod server;
 
@@ -17,8 +18,11 @@ const BESIDE: f64 = 256.0;
 /// Scans of a session before it is reset.
 const SCANS: u64 = 5;
 
-fn setting(name: &str, default: u64) -> u64 {
-    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+/// Honest requests under attack may take so many times as long as without, at the 99th percentile; seconds are too few to tell.
+const SLOWER: f64 = 3.0;
+
+fn setting(name: &str) -> Option<u64> {
+    std::env::var(name).ok().and_then(|text| text.parse().ok())
 }
 
 /// Numbers that look random and are the same every time.
@@ -92,7 +96,7 @@ struct Diary {
     attacks: usize,
 }
 
-fn client(server: &Server, number: u64, until: &AtomicBool) -> Diary {
+fn client(server: &Server, number: u64, hostile: bool, until: &AtomicBool) -> Diary {
     let mut dice = Dice(number + 1);
     let mut diary = Diary::default();
     let id = server.session();
@@ -102,6 +106,9 @@ fn client(server: &Server, number: u64, until: &AtomicBool) -> Diary {
     let mut asked = 0;
     while !until.load(Ordering::Relaxed) {
         let roll = dice.roll(100);
+        if roll < 8 && !hostile {
+            continue;
+        }
         if roll < 5 {
             let (request, expected) = dice.of(&broken);
             // A request that is refused before it was read may find its answer cut off.
@@ -166,17 +173,20 @@ fn usual(server: &Server) -> Value {
     export["config"].clone()
 }
 
-#[test]
-fn nothing_is_lost_under_attack() {
-    let memory = format!("service.memory_mib={MEMORY}");
-    let server = Server::start_with(&["--set", &memory, "--set", "service.deadline_ms=20000"]);
+/// A list of durations, sorted: what so large a share of them is at most, in milliseconds.
+fn at_most(mut times: Vec<Duration>) -> impl Fn(f64) -> f64 {
+    times.sort();
+    move |share: f64| times[((times.len() - 1) as f64 * share) as usize].as_secs_f64() * 1000.0
+}
+
+/// Lets clients work for so long, and prints what they went through; the 99th percentile of honest requests, in milliseconds.
+fn spend(server: &Server, seconds: Duration, hostile: bool) -> f64 {
     let over = AtomicBool::new(false);
-    let seconds = Duration::from_secs(setting("INFER_ATTACK_SECONDS", 6));
     let begun = Instant::now();
     let (diaries, health) = std::thread::scope(|scope| {
-        let (server, over) = (&server, &over);
-        let clients: Vec<_> = (0..setting("INFER_ATTACK_CLIENTS", 4))
-            .map(|number| scope.spawn(move || client(server, number, over)))
+        let over = &over;
+        let clients: Vec<_> = (0..setting("INFER_ATTACK_CLIENTS").unwrap_or(4))
+            .map(|number| scope.spawn(move || client(server, number, hostile, over)))
             .collect();
         let mut health = Vec::new();
         while begun.elapsed() < seconds && !clients.iter().any(|c| c.is_finished()) {
@@ -190,14 +200,10 @@ fn nothing_is_lost_under_attack() {
         (diaries, health)
     });
     let [_, peak] = server.memory();
-    let sorted = |mut times: Vec<Duration>| {
-        times.sort();
-        move |share: f64| times[((times.len() - 1) as f64 * share) as usize].as_secs_f64() * 1000.0
-    };
     let [attacks, busy, good] = [|d: &Diary| d.attacks, |d: &Diary| d.busy, |d: &Diary| d.times.len()]
         .map(|count| diaries.iter().map(count).sum::<usize>());
-    let (told, worst_health) = (health.len(), sorted(health));
-    let times = sorted(diaries.into_iter().flat_map(|d| d.times).collect());
+    let (told, worst_health) = (health.len(), at_most(health));
+    let times = at_most(diaries.into_iter().flat_map(|d| d.times).collect());
     println!(
         "{seconds:?}: {good} honest requests ({busy} told to try again), {attacks} attacks; p50 {:.0} ms, p99 {:.0} ms, worst \
          {:.0} ms; health told {told} times, p99 {:.1} ms, worst {:.1} ms; peak of the resident memory {peak:.0} MiB",
@@ -209,4 +215,17 @@ fn nothing_is_lost_under_attack() {
     );
     assert!(peak < MEMORY as f64 + BESIDE, "{peak} MiB");
     assert!(busy * 20 <= good, "{busy} of {good} honest requests were told to try again");
+    times(0.99)
+}
+
+#[test]
+fn nothing_is_lost_under_attack() {
+    let memory = format!("service.memory_mib={MEMORY}");
+    let server = Server::start_with(&["--set", &memory, "--set", "service.deadline_ms=20000"]);
+    let long = setting("INFER_ATTACK_SECONDS");
+    let seconds = Duration::from_secs(long.unwrap_or(6));
+    let calm = spend(&server, seconds / 3, false);
+    let attacked = spend(&server, seconds - seconds / 3, true);
+    println!("the 99th percentile under attack is {:.2} times that without", attacked / calm);
+    assert!(long.is_none() || attacked <= SLOWER * calm, "{attacked} ms for {calm} ms");
 }

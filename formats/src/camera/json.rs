@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::path::Path;
 
 pub(super) fn parse(path: &Path, text: &str) -> Result<CameraFile, FormatError> {
-    let value: Value = serde_json::from_str(text)
+    let value = crate::json::value(text)
         .map_err(|e| FormatError::syntax(path, Place::Line(e.line()), e.to_string(), EXPECTED))?;
     // Some tools put it one level down.
     let value = match value.get("intrinsics") {

@@ -135,3 +135,11 @@ fn what_cannot_be_read_is_refused_by_name() {
     let zeros = zeros.replace("[0.1, -0.2, 0.001, -0.002, 0.05]", "[0.0, 0.0, 0.0, 0.0, 0.0]");
     assert_eq!(parse(&zeros), Ok(expected(Lens::Pinhole)), "no coefficients, no distortion");
 }
+
+#[test]
+fn a_key_given_twice_is_no_calibration() {
+    let text = r#"{"width": 32, "height": 24, "ppx": 16, "ppy": 12, "fx": 40, "fx": 80, "fy": 40, "model": "none", "coeffs": []}"#;
+    let error = parse_camera(Path::new("a.json"), text.as_bytes(), None).expect_err("which fx?").to_string();
+    assert!(error.contains("a.json\", line 1: found key \"fx\" a second time"), "{error}");
+    assert!(parse_camera(Path::new("a.json"), text.replace("\"fx\": 80, ", "").as_bytes(), None).is_ok());
+}

@@ -49,7 +49,7 @@ struct Open3dIntrinsic {
 }
 
 pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<FilePose>, FormatError> {
-    let value: Value = serde_json::from_str(text)
+    let value = crate::json::value(text)
         .map_err(|e| FormatError::syntax(path, Place::Line(e.line()), e.to_string(), EXPECTED))?;
     match value {
         Value::Array(entries) if entries.first().is_some_and(|row| row.get(0).is_some_and(Value::is_number)) => {

@@ -142,3 +142,11 @@ fn what_is_none_is_refused_with_its_line() {
     }
     assert!(parse_poses("poses".as_ref(), b"1 2 \xff").expect_err("no text").to_string().contains("byte 4"));
 }
+
+#[test]
+fn a_key_given_twice_is_no_pose() {
+    let rows = "[[1,0,0,0],[0,1,0,0],[0,0,1,5],[0,0,0,1]]";
+    let twice = format!("{{\"world_from_camera\": {rows},\n\"world_from_camera\": {rows}}}");
+    let error = parse_poses(Path::new("a.json"), twice.as_bytes()).expect_err("which?").to_string();
+    assert!(error.contains("line 2: found key \"world_from_camera\" a second time"), "{error}");
+}

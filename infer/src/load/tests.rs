@@ -77,6 +77,16 @@ fn a_position_that_an_organised_cloud_contradicts_is_said() {
     let cloud = CloudFile { grid: None, ..organised(&camera, &Isometry3::identity()) };
     let Loaded { scan, reading } = from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some([1000.0, 0.0, 0.0]));
     assert_eq!((scan.camera_position(), reading.notes.len()), (Some(Point3::new(1.0, 0.0, 0.0)), 0));
+    let moved = |given| {
+        let viewpoint = Some(Isometry3::translation(0.0, 0.0, 2.0));
+        let loaded =
+            from_cloud_file(CloudFile { grid: None, viewpoint, ..organised(&camera, &Isometry3::identity()) }, None);
+        loaded.seen_from(given)
+    };
+    assert_eq!(moved(Some([0.0, 0.0, 2.0])).reading.notes.len() + moved(None).reading.notes.len(), 0);
+    let Loaded { scan, reading } = moved(Some([1.0, 0.0, 2.0]));
+    assert_eq!(scan.camera_position(), Some(Point3::new(1.0, 0.0, 2.0)));
+    assert!(reading.notes[0].contains("its camera at (0.000, 0.000, 2.000) m"), "{:?}", reading.notes);
 }
 
 #[test]
