@@ -196,8 +196,8 @@ fn scans_on_a_turntable() {
 fn registered_scans() {
     let first = || seen("a.xyz", &files::clouds()[0].1).map(|loaded| loaded.scan);
     for (register, kind) in [(Register::Refine, "registered"), (Register::Check, "registration checked")] {
-        // A bent sheet slides along itself, which the gate would refuse.
-        let (gate, registrability) = (false, Registrability::Lambda);
+        // A bent sheet slides along itself, which the gate would refuse, and the demand of what holds a scan in all directions.
+        let (gate, registrability) = (false, Registrability::Overlap);
         let registration = RegistrationConfig { register, gate, registrability, ..RegistrationConfig::default() };
         let config = SessionConfig { registration, ..SessionConfig::default() };
         let read = |name: &str, bytes: &[u8]| {
