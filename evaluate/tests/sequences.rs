@@ -111,7 +111,7 @@ fn what_does_not_go_with_recordings_is_refused() {
     let whole = std::fs::read_to_string(&path).expect("readable");
     std::fs::write(&path, whole.replace("\"background\":true", "\"background\":false")).expect("written");
     let (code, _, message) = run(directory.path(), &["--policies", "auto:depth-with-background"]);
-    assert!(code == Some(1) && message.contains("ball lacks what auto:depth-with-background"), "{message}");
+    assert!(code == Some(1) && message.contains("ball lacks the inputs of auto:depth-with-background"), "{message}");
     assert!(message.contains("no sequence has the inputs that these policies need"), "{message}");
     std::fs::write(folder.join("sequence.json"), "{\"working_distance_m\": 1, \"scans\": [{\"cloud\": \"0.ply\"}]}")
         .expect("written");

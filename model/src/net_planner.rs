@@ -149,5 +149,33 @@ impl Planner for NetPlanner {
     }
 }
 
+/// The bundled weights, read at the first decision that needs them: most need none.
+pub struct Bundled {
+    config: NetPlannerConfig,
+    loaded: Option<NetPlanner>,
+}
+
+impl Bundled {
+    /// Reads nothing yet.
+    pub fn new(config: NetPlannerConfig) -> Self {
+        Self { config, loaded: None }
+    }
+}
+
+impl Planner for Bundled {
+    fn name(&self) -> &str {
+        "benbv-net"
+    }
+
+    fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
+        let planner = match self.loaded.take() {
+            Some(planner) => planner,
+            None => NetPlanner::bundled(self.config.clone())
+                .map_err(|why| PlanError::failed("benbv-net", format!("the bundled weights: {why}")))?,
+        };
+        self.loaded.insert(planner).rank_views(state, rng)
+    }
+}
+
 #[cfg(test)]
 mod tests;

@@ -121,7 +121,7 @@ fn a_device_that_computes_wrongly_is_found_out() {
     let of = |weights| first_step(&task, &cpu, weights, &batch).expect("a step");
     let (sound, broken) = (of(net.clone().into_record()), of(net.map(&mut Off).into_record()));
     let text = compare("gpu", &sound, &broken).expect_err("2 % off in every weight").to_string();
-    assert!(text.contains("device `gpu` computes wrongly") && text.contains("--device cpu"), "{text}");
+    assert!(text.contains("device `gpu` gives wrong results") && text.contains("--device cpu"), "{text}");
     let mut dead = sound.clone();
     dead.gradient.fill(f32::NAN);
     assert!(compare("gpu", &sound, &dead).is_err(), "not a number is not close");

@@ -49,7 +49,7 @@ fn files_of_one_name_and_sets_of_another_kind_are_refused() {
     manifest.dataset = "folder".to_owned();
     manifest.write(&out).unwrap();
     let text = import(&inputs[..1], &out, 0.2, 0, "none").expect_err("another set").to_string();
-    assert!(text.contains("holds a set of \"folder\""), "{text}");
+    assert!(text.contains("contains a set of \"folder\""), "{text}");
 }
 
 fn becomes_a_set(bin: &Path) {

@@ -113,7 +113,7 @@ fn the_newest_scan_is_planned_on_and_what_was_used_is_said() {
     let desk = Desk { inbox: &inbox, planner: &planner, stop: &stop };
     let mut pending = Pending::default();
     let (early, _) = desk.plan(&config(), "", &header(), &mut pending);
-    assert_eq!(early.message, "no_scan: nothing has come on /points");
+    assert_eq!(early.message, "no_scan: nothing has arrived on /points");
     come(&inbox, PointCloud2 { width: 7, ..sheet() });
     come(&inbox, sheet());
     let (said, published) = desk.plan(&config(), "", &header(), &mut pending);

@@ -81,7 +81,7 @@ fn what_a_scan_lacks_is_said() {
     let none = ready(&inbox, &config()).expect_err("nothing");
     assert_eq!(
         none.message,
-        "nothing has come on /points; the last message there could not be read: it ends too early"
+        "nothing has arrived on /points; the last message there could not be read: it ends too early"
     );
     inbox.take_scan("a".to_owned(), scan("", 6));
     assert_eq!(ready(&inbox, &config()).expect_err("no frame").code, "no_frame");
@@ -93,5 +93,5 @@ fn what_a_scan_lacks_is_said() {
     inbox.take_scan("a".to_owned(), Measurement::Depth(Arc::new(image)));
     let depth = Ros2Config { depth_topic: "/eye/depth".to_owned(), cloud_topic: String::new(), ..config() };
     let blind = ready(&inbox, &depth).expect_err("no camera");
-    assert_eq!(blind.message, "no CameraInfo of \"camera\" has come on /eye/camera_info (of others: [])");
+    assert_eq!(blind.message, "no CameraInfo of \"camera\" has arrived on /eye/camera_info (of others: [])");
 }

@@ -127,6 +127,6 @@ fn transforms_that_are_none_are_left_out_and_told_once() {
     assert!(known.take(&transform("a", "a", 0, &moved(0.0, 0.0)), false)[0].contains("a frame in itself"));
     assert!(known.take(&transform("", "a", 0, &moved(0.0, 0.0)), false)[0].contains("without a name"));
     let moved_over = known.take(&transform("table", "flange", 12 * SECOND, &moved(0.0, 0.0)), false);
-    assert!(moved_over[0].contains("it stood in \"base\" before"), "{moved_over:?}");
+    assert!(moved_over[0].contains("its parent was \"base\" before"), "{moved_over:?}");
     near(&known.lookup("table", "flange", Some(12 * SECOND)).expect("known").pose, &moved(0.0, 0.0));
 }
