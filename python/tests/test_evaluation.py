@@ -193,7 +193,7 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_call_goes_on(tmp_path):
 
 
 def test_what_is_asked_must_make_sense(tmp_path):
-    with pytest.raises(ValueError, match='"benbv" is the name of a policy that is there already'):
+    with pytest.raises(ValueError, match='"benbv" is already the name of a policy'):
         evaluate({"benbv": LargestUnseen()})
     with pytest.raises(ValueError, match="no policy is named \"farthst\", did you mean \"farthest\""):
         evaluate(["farthst"])
