@@ -19,7 +19,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, FormatError> {
     std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))
 }
 
-/// Refuses a file that could not be held beside what becomes of it: a cloud takes three times its file at least, its numbers and its
+/// Refuses a file that could not be held in memory together with what is made from it: a cloud takes three times its file at least, its numbers and its
 /// points included.
 fn check_fits(path: &Path, size: u64, memory: Option<u64>) -> Result<(), FormatError> {
     match memory {

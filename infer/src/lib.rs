@@ -10,7 +10,7 @@ mod lines;
 pub mod load;
 #[cfg(feature = "ros2")]
 mod node;
-mod plan;
+pub mod plan;
 pub mod program;
 pub mod report;
 mod request;

@@ -2,8 +2,36 @@
 
 use anyhow::{Context, Result, bail};
 use planning::session::{PlannedView, ScanPlan};
+use planning::{Answer, Session};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
+use std::ops::RangeInclusive;
 use std::path::Path;
+
+/// Views that a plan may have.
+pub const VIEWS: RangeInclusive<usize> = 1..=100;
+
+/// An answer with the plan from it.
+#[derive(Debug, Serialize)]
+pub struct Planned<'a> {
+    #[serde(flatten)]
+    answer: &'a Answer,
+    /// `None` where the planner does not predict what several views see together.
+    plan: Option<ScanPlan>,
+}
+
+impl<'a> Planned<'a> {
+    /// The plan of at most `most` views from the answer that `session` has just given.
+    ///
+    /// # Errors
+    /// A number of views out of range.
+    pub fn new(session: &Session, answer: &'a Answer, most: usize) -> Result<Self, String> {
+        if !VIEWS.contains(&most) {
+            return Err(format!("plan_views: {most}, expected {} to {}", VIEWS.start(), VIEWS.end()));
+        }
+        Ok(Self { answer, plan: session.scan_plan(answer, most) })
+    }
+}
 
 /// Names of the columns, and the keys of each view.
 const COLUMNS: [&str; 13] = [

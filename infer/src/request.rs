@@ -185,4 +185,6 @@ pub struct NextRequest {
     pub on_deadline: OnDeadline,
     /// Whether the client is asked which views it can take; over stdin and stdout.
     pub check: bool,
+    /// Plan so many views at once beside the next one.
+    pub plan_views: Option<usize>,
 }

@@ -37,7 +37,7 @@ pub enum Orientation {
     MeanNormal,
 }
 
-/// What becomes of a cloud with fewer points than the network takes.
+/// What is done with a cloud that has fewer points than the network takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fill {

@@ -2,6 +2,8 @@
 
 use crate::arrays;
 use crate::fault::{Fault, detached};
+use crate::session::as_json;
+use geometry::Lens;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use std::borrow::Cow;
@@ -44,6 +46,31 @@ pub fn read_depth<'py>(
 pub fn read_mesh(py: Python<'_>, path: PathBuf) -> PyResult<arrays::MeshArrays<'_>> {
     let mesh = detached(py, || Ok(formats::read_mesh(&path)?))?;
     arrays::of_mesh(py, mesh)
+}
+
+/// The arm of a URDF that ends in the link `tool`, as settings in JSON, and what there is to say of how it was read.
+#[pyfunction]
+pub fn read_arm(py: Python<'_>, path: PathBuf, tool: &str) -> PyResult<(String, Vec<String>)> {
+    detached(py, || {
+        let read = formats::urdf::read_urdf(&path, tool)?;
+        Ok((as_json(&read.arm)?, read.notes))
+    })
+}
+
+/// A calibration: columns and rows where the file has them, fx, fy, cx, cy, the lens's model and coefficients.
+#[pyfunction]
+#[allow(clippy::type_complexity, reason = "a tuple for Python to name")]
+pub fn read_camera(
+    py: Python<'_>,
+    path: String,
+) -> PyResult<(Option<(u32, u32)>, (f64, f64, f64, f64), &'static str, Vec<f64>)> {
+    let camera = detached(py, || Ok(formats::camera::read_camera(&path)?))?;
+    let (model, coefficients) = match camera.lens {
+        Lens::Pinhole => ("brown_conrady", Vec::new()),
+        Lens::BrownConrady(k) => ("brown_conrady", k.to_vec()),
+        Lens::Fisheye(k) => ("fisheye", k.to_vec()),
+    };
+    Ok((camera.size.map(Into::into), camera.intrinsics.into(), model, coefficients))
 }
 
 /// The poses in a file of any of the formats of docs/formats.md.

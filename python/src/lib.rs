@@ -29,6 +29,8 @@ fn _benbv(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(files::read_file, module)?)?;
     module.add_function(wrap_pyfunction!(files::read_depth, module)?)?;
     module.add_function(wrap_pyfunction!(files::read_mesh, module)?)?;
+    module.add_function(wrap_pyfunction!(files::read_arm, module)?)?;
+    module.add_function(wrap_pyfunction!(files::read_camera, module)?)?;
     module.add_function(wrap_pyfunction!(files::read_poses, module)?)?;
     module.add_function(wrap_pyfunction!(state::look_at, module)?)?;
     module.add_function(wrap_pyfunction!(scene::scan, module)?)?;

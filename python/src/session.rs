@@ -5,6 +5,7 @@ use crate::fault::{Fault, guarded, internal};
 use formats::config::{load, overlaid};
 use geometry::{Lens, PointCloud};
 use infer::load::{DepthCamera, Loaded};
+use infer::plan::Planned;
 use nalgebra::{Isometry3, Point3};
 use planning::session::{AskedView, Request, Verdict, ViewCheck};
 use planning::{Budget, NoReturn, Reading, Scan, SessionConfig};
@@ -239,12 +240,13 @@ impl RobotSession {
     }
 
     /// The answer, and why there is no view where there is none.
-    #[pyo3(signature = (position, reachable))]
+    #[pyo3(signature = (position, reachable, plan_views))]
     fn next_view(
         &self,
         py: Python<'_>,
         position: Option<&Bound<'_, PyAny>>,
         reachable: Option<Py<PyAny>>,
+        plan_views: Option<usize>,
     ) -> PyResult<(String, Option<String>)> {
         let position = position.map(|p| arrays::position("position", p)).transpose()?;
         let raised = Arc::new(Mutex::new(None));
@@ -257,7 +259,11 @@ impl RobotSession {
                 return Err(Fault::Raised(error));
             }
             let answer = answer?;
-            Ok((as_json(&answer)?, answer.next.is_none().then(|| answer.no_view_reason())))
+            let text = match plan_views {
+                None => as_json(&answer)?,
+                Some(most) => as_json(&Planned::new(session, &answer, most).map_err(Fault::Value)?)?,
+            };
+            Ok((text, answer.next.is_none().then(|| answer.no_view_reason())))
         })
     }
 

@@ -269,3 +269,47 @@ def test_a_lens_is_undone_on_reading():
         answer(distortion=[0.1, 0.2])
     with pytest.raises(ValueError, match="model barrel, expected"):
         answer(distortion=[0.1], distortion_model="barrel")
+
+
+def test_several_views_are_planned_as_by_infer(tmp_path):
+    session = benbv.Session()
+    for path, origin in zip(SCANS, FROM):
+        session.add_file(path, origin=origin)
+    view = session.next_view(plan_views=4)
+    infer("--scan", *SCANS, "--from", *map(words, FROM), "--plan", tmp_path / "plan.json", "--plan-views", 4)
+    plan = json.loads((tmp_path / "plan.json").read_text())
+    assert 1 <= len(view.plan) == len(plan["views"]) <= 4
+    assert view.raw["plan"]["adds"] == plan["adds"]
+    for planned, expected in zip(view.plan, plan["views"]):
+        assert list(planned.position) == [expected["x_m"], expected["y_m"], expected["z_m"]]
+    alone = session.next_view()
+    assert alone.plan is None
+    assert alone.raw == {key: value for key, value in view.raw.items() if key != "plan"}
+    with pytest.raises(ValueError, match="plan_views: 0, expected 1 to 100"):
+        session.next_view(plan_views=0)
+
+
+def test_an_arm_and_a_calibration_are_read_as_by_infer(tmp_path):
+    urdf = SAMPLES / "robots" / "ur5e.urdf"
+    base = [[1, 0, 0, 0.55], [0, 1, 0, 0], [0, 0, 1, -0.2], [0, 0, 0, 1]]
+    hand_eye = [[1, 0, 0, 0], [0, 1, 0, 0.05], [0, 0, 1, 0.03], [0, 0, 0, 1]]
+    robot = {"arm": benbv.read_arm(urdf, "tool0"), "flange_from_camera": hand_eye, "cell_from_base": base}
+    session = benbv.Session(0.5, config={"robot": robot})
+    session.add_file(SCANS[0], origin=FROM[0])
+    flags = ["--robot", urdf, "--tool", "tool0", "--flange-from-camera", "0,0.05,0.03,0,0,0,1", "--distance", 0.5]
+    scan = ["--scan", SCANS[0], "--from", words(FROM[0])]
+    assert session.next_view().raw == infer(*scan, *flags, "--set", f"robot.cell_from_base={base}")
+    with pytest.raises(ValueError, match="flange"):
+        benbv.read_arm(urdf, "flange_of_another")
+
+    calibration = tmp_path / "camera.yaml"
+    calibration.write_text(
+        "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [600, 0, 320, 0, 610, 240, 0, 0, 1]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [0.1, -0.2, 0.001, 0.002, 0.05]}\n"
+    )
+    camera = benbv.read_camera(calibration)
+    assert (camera.intrinsics, camera.size) == ((600, 610, 320, 240), (640, 480))
+    assert camera.distortion_model == "brown_conrady" and camera.distortion[:5] == (0.1, -0.2, 0.001, 0.002, 0.05)
+    with pytest.raises(OSError, match="nowhere"):
+        benbv.read_camera("nowhere.yaml")

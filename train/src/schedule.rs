@@ -80,7 +80,7 @@ impl Schedule {
         Schedule { config: config.clone(), base_rate, total_steps, state }
     }
 
-    /// Goes on from a saved state.
+    /// Continues from a saved state.
     pub fn with_state(mut self, state: ScheduleState) -> Self {
         self.state = state;
         self

@@ -1,4 +1,4 @@
-//! Yardsticks: greedy choices that know the true surface. No policy may use them; they show what a decision could
+//! References: greedy choices that know the true surface. No policy may use them; they show what a decision could
 //! have brought.
 
 use super::Radius;

@@ -6,6 +6,7 @@ use super::{
     lock,
 };
 use crate::load::Loaded;
+use crate::plan::Planned;
 use crate::request::{Ask, Body, NextRequest, over};
 use planning::scan::{FARTHEST_M, Scan};
 use planning::session::Request;
@@ -197,7 +198,14 @@ impl Service {
             open.session.configure(config)?;
         }
         let budget = patience.budget(request.on_deadline);
-        Reply::of(&open.session.next_view_for(&Request { current_position_m, budget, check })?)
+        let answer = open.session.next_view_for(&Request { current_position_m, budget, check })?;
+        match request.plan_views {
+            None => Reply::of(&answer),
+            Some(most) => {
+                let planned = Planned::new(&open.session, &answer, most);
+                Reply::of(&planned.map_err(|message| Refusal::new(400, "bad_plan_views", message))?)
+            }
+        }
     }
 
     /// Reads a session that has not been read, or could not be written.

@@ -8,13 +8,14 @@ floats or integers of any size; NaN in points and depths stands for no return.
 from ._benbv import VERSION as __version__
 from ._benbv import PlanError, Scene, State
 from .evaluation import Policy, Report, evaluate
-from .files import Cloud, read_cloud, read_depth, read_mesh, read_poses
+from .files import Calibration, Cloud, read_arm, read_camera, read_cloud, read_depth, read_mesh, read_poses
 from .session import ScanReport, Session
 from .shards import Sample, Shards
 from .simulate import Camera, Episode, chamfer, coverage, depth_to_points, hausdorff, look_at, overlap, scan
 from .view import Candidate, Objection, Stop, View
 
 __all__ = [
+    "Calibration",
     "Camera",
     "Candidate",
     "Cloud",
@@ -39,6 +40,8 @@ __all__ = [
     "hausdorff",
     "look_at",
     "overlap",
+    "read_arm",
+    "read_camera",
     "read_cloud",
     "read_depth",
     "read_mesh",

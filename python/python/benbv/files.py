@@ -1,10 +1,13 @@
-"""Clouds, depth images, meshes and poses from files; `docs/formats.md` says which."""
+"""Clouds, depth images, meshes, poses, arms and calibrations from files; `docs/formats.md` says which."""
 
 from __future__ import annotations
 
+import json
+import os
 import warnings
 from dataclasses import dataclass
 from os import PathLike
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +27,37 @@ class Cloud:
     """The unit that the file names, if it does."""
     notes: tuple[str, ...]
     """What was guessed in reading, and what was left out."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated camera. `add_depth` takes the fields of these names."""
+
+    intrinsics: tuple[float, float, float, float]
+    """fx, fy, cx, cy in pixels."""
+    distortion: tuple[float, ...]
+    """Coefficients in OpenCV's order; none of a lens without distortion."""
+    distortion_model: str
+    """`brown_conrady` or `fisheye`."""
+    size: tuple[int, int] | None
+    """Columns and rows of the image that it was calibrated for, where the file says so."""
+
+
+def read_camera(path: str | PathLike[str]) -> Calibration:
+    """Reads a calibration: ROS CameraInfo, OpenCV FileStorage or Kalibr's camchain (YAML; `FILE:cam1` selects one of several),
+    RealSense's or Open3D's intrinsics (JSON)."""
+    size, intrinsics, model, coefficients = _benbv.read_camera(os.fspath(path))
+    return Calibration(intrinsics, tuple(coefficients), model, size)
+
+
+def read_arm(path: str | PathLike[str], tool: str) -> dict[str, Any]:
+    """Reads the serial arm of a URDF that ends in the link `tool`, as the settings have it: `{"robot": {"arm": read_arm(...),
+    "flange_from_camera": [[...]]}}`. What is not read of it (COLLADA meshes) is a warning."""
+    text, notes = _benbv.read_arm(path, tool)
+    for note in notes:
+        warnings.warn(f"{path}: {note}", stacklevel=2)
+    arm: dict[str, Any] = json.loads(text)
+    return arm
 
 
 def read_cloud(path: str | PathLike[str]) -> Cloud:

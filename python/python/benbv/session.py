@@ -201,6 +201,7 @@ class Session:
         *,
         position: ArrayLike | None = None,
         reachable: Callable[[NDArray[np.float64]], Verdict] | None = None,
+        plan_views: int | None = None,
     ) -> View:
         """The next view. `position` (3,) is where the camera is now, for limits and cost of travel.
 
@@ -208,9 +209,11 @@ class Session:
         does not turn: True (or None) where the arm gets there, a cost (float) or (True, cost) to take off the score, False, the
         reason or (False, reason) where not. What it raises is raised here. It must not ask this session for anything.
 
+        `plan_views`: plan so many views at once beside the next one (`View.plan`), for cells that cannot plan after each scan.
+
         Raises `PlanError` where there is no scan, or the planner cannot work on what is known.
         """
-        answer, none = self._native.next_view(position, reachable)
+        answer, none = self._native.next_view(position, reachable, plan_views)
         return View(json.loads(answer), none)
 
     def configure(self, **changes: Any) -> None:

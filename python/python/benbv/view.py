@@ -97,6 +97,13 @@ class View:
         """The view to take; None where none is left."""
         return None if self.raw["next"] is None else Candidate._of(self.raw["next"])
 
+    @cached_property
+    def plan(self) -> tuple[Candidate, ...] | None:
+        """The views of `plan_views` in order of travel; more in `raw["plan"]`. None where none were asked for, or the planner does not
+        predict what several views see together."""
+        plan = self.raw.get("plan")
+        return None if plan is None else tuple(Candidate._of(c) for c in plan["views"])
+
     @property
     def _some(self) -> Candidate:
         if self.next is None:
