@@ -27,22 +27,6 @@ fn a_session_over_http() {
     assert!(limited["next"].is_null() && limited["excluded"][0]["constraint"] == "floor", "{limited}");
     let (_, back) = server.ask("POST", &path("next"), r#"{"config": {"constraints": {"floor_height_m": null}}}"#);
     assert_eq!(back, first, "the same settings, the same answer");
-    let (_, none) = server.ask("POST", &path("next"), r#"{"plan_views": 3}"#);
-    assert!(none["plan"].is_null() && none.get("plan").is_some(), "farthest does not say what views see together: {none}");
-    let (_, first) = server.ask("POST", &path("next"), r#"{"config": {"planner": "volumetric"}}"#);
-    let (_, mut planned) = server.ask("POST", &path("next"), r#"{"plan_views": 3}"#);
-    let plan = planned["plan"].take();
-    let views = plan["views"].as_array().expect("views");
-    assert!((1..=3).contains(&views.len()) && plan["adds"].as_f64() > Some(0.0), "{plan}");
-    let candidates = planned["candidates"].as_array().expect("candidates");
-    assert!(
-        views.iter().all(|v| candidates.iter().any(|c| c["world_from_camera"] == v["world_from_camera"])),
-        "{plan}"
-    );
-    planned.as_object_mut().expect("an answer").remove("plan");
-    assert_eq!(planned, first, "the answer itself is the same");
-    let (status, none) = server.ask("POST", &path("next"), r#"{"plan_views": 0}"#);
-    assert_eq!((status, &none["error"]["code"]), (400, &json!("bad_plan_views")));
     let (_, export) = server.ask("GET", &path("export"), "");
     assert_eq!(export["points_m"].as_array().map(Vec::len), Some(900), "the cloud comes back");
     assert_eq!(server.ask("POST", &path("undo"), "").1, json!({ "scans": 0 }), "the scan is taken back");
