@@ -54,22 +54,33 @@ pub struct Reconstruction {
 /// assert!(surface.rim.contains(&true), "a sheet ends");
 /// ```
 pub fn reconstruct(cloud: &PointCloud, spacing: f64) -> Reconstruction {
+    reconstruct_while(cloud, spacing, || true).unwrap_or_default()
+}
+
+/// The same, given up as soon as `go_on`, which is asked often, says no: `None` then.
+pub fn reconstruct_while(cloud: &PointCloud, spacing: f64, go_on: impl Fn() -> bool + Sync) -> Option<Reconstruction> {
     let (low, high) = cloud.bounding_box();
     let sides = (high - low).max() / spacing;
     if cloud.normals.len() != cloud.points.len() || cloud.points.len() < 2 || !(sides.is_finite() && sides < MAX_SIDE) {
-        return Reconstruction::default();
+        return Some(Reconstruction::default());
     }
     let field =
         Field { cloud, grid: NeighborGrid::new(&cloud.points, 2.0 * spacing), origin: low, edge: EDGE * spacing };
     let lattice = field.near();
-    let values: FxHashMap<Cell, Value> =
-        lattice.par_iter().filter_map(|at| Some((*at, field.value(at)?))).collect::<Vec<_>>().into_iter().collect();
+    let value = |at: &Cell| go_on().then(|| Some((*at, field.value(at)?)));
+    let values: Vec<Option<(Cell, Value)>> = lattice.par_iter().map(value).collect::<Option<_>>()?;
+    let values: FxHashMap<Cell, Value> = values.into_iter().flatten().collect();
     let mut surface =
         Surface { field: &field, values: &values, corners: FxHashMap::default(), out: Reconstruction::default() };
-    lattice.iter().for_each(|at| surface.cell(at));
+    for cells in lattice.chunks(1024) {
+        if !go_on() {
+            return None;
+        }
+        cells.iter().for_each(|at| surface.cell(at));
+    }
     let mut out = surface.out;
     out.rim = rim(&out.mesh);
-    out
+    Some(out)
 }
 
 /// The signed distance to the cloud's surface, on a lattice.

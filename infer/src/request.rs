@@ -92,6 +92,8 @@ pub enum Ask {
     Reset,
     /// The cloud and the settings.
     Export,
+    /// The measured surface as triangles.
+    Mesh,
 }
 
 impl Ask {
@@ -125,6 +127,7 @@ impl Ask {
             }
             Method::Undo => nothing(Self::Undo),
             Method::Reset => nothing(Self::Reset),
+            Method::Mesh => nothing(Self::Mesh),
             _ => nothing(Self::Export),
         }
     }

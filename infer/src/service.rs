@@ -83,6 +83,8 @@ pub enum Method {
     Reset,
     /// The accumulated cloud and the settings.
     Export,
+    /// The measured surface as triangles.
+    Mesh,
     /// End the session.
     Delete,
 }

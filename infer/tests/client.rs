@@ -22,7 +22,7 @@ fn the_python_client_works() {
 }
 
 #[test]
-fn several_views_are_planned_at_once() {
+fn several_views_are_planned_at_once_and_the_surface_comes_as_triangles() {
     let server = Server::start_with(&["--planner", "volumetric"]);
     let id = server.session();
     let next = format!("/sessions/{id}/next");
@@ -42,6 +42,14 @@ fn several_views_are_planned_at_once() {
     assert_eq!(planned, first, "the answer itself is the same");
     let (status, none) = server.ask("POST", &next, r#"{"plan_views": 0}"#);
     assert_eq!((status, &none["error"]["code"]), (400, &json!("bad_plan_views")));
+    let (_, mesh) = server.ask("GET", &format!("/sessions/{id}/mesh"), "");
+    let count = |key: &str| mesh[key].as_array().expect("a list").len();
+    assert!(
+        count("triangles") > 500 && count("vertices_m") == count("rim") && count("rim") == count("normals"),
+        "{mesh}"
+    );
+    let last = mesh["triangles"].as_array().expect("a list").iter().flat_map(|t| t.as_array().expect("three"));
+    assert_eq!(last.filter_map(|i| i.as_u64()).max(), Some(count("vertices_m") as u64 - 1), "indices of the vertices");
     let (_, blind) = server.ask("POST", &next, r#"{"plan_views": 3, "config": {"planner": "farthest"}}"#);
     assert!(blind.get("plan").is_some_and(|plan| plan.is_null()), "it does not say what views see together: {blind}");
 }

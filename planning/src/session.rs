@@ -21,8 +21,9 @@ use crate::doubt::Offset;
 use crate::planners::auto::{AutoPlanner, Choice, Network};
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
-use crate::{Accumulate, Budget, Evidence, Plane, Planner, Reach, ScanState};
+use crate::{Accumulate, Budget, Evidence, Plane, Planner, Reach, ScanState, Stopped};
 use checking::Considered;
+use geometry::reconstruction::reconstruct_while;
 use geometry::{PointCloud, Reconstruction, reconstruct};
 use nalgebra::{Isometry3, Point3};
 use ranking::{Ranking, rank};
@@ -227,6 +228,18 @@ impl Session {
     /// The surface of that cloud as triangles: closed where it was measured all around, else with a rim where it ends.
     pub fn mesh(&self) -> Reconstruction {
         reconstruct(&self.state.cloud, self.state.grid_size)
+    }
+
+    /// The same within a budget.
+    ///
+    /// # Errors
+    /// It takes longer, or nobody waits for it.
+    pub fn mesh_within(&self, budget: &Budget) -> Result<Reconstruction, SessionError> {
+        let made = reconstruct_while(&self.state.cloud, self.state.grid_size, || !budget.is_spent());
+        match made {
+            Some(made) => Ok(made),
+            None => Err(budget.allows(false).err().unwrap_or(Stopped::Late).into()),
+        }
     }
 
     /// What the planners see.

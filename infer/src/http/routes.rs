@@ -30,6 +30,7 @@ pub fn route(verb: &Verb, path: &str) -> Result<Route, Refusal> {
         ["sessions", id, "undo"] => ("POST", vec![(Verb::POST, of(Method::Undo, id))]),
         ["sessions", id, "reset"] => ("POST", vec![(Verb::POST, of(Method::Reset, id))]),
         ["sessions", id, "export"] => ("GET", vec![(Verb::GET, of(Method::Export, id))]),
+        ["sessions", id, "mesh"] => ("GET", vec![(Verb::GET, of(Method::Mesh, id))]),
         _ => return Err(Refusal::new(404, "no_such_path", "no such path; see /openapi.yaml")),
     };
     found.into_iter().find(|(v, _)| v == verb).map(|(_, route)| route).ok_or_else(|| Refusal {
@@ -55,6 +56,7 @@ mod tests {
             ("/sessions/1/undo", "POST"),
             ("/sessions/1/reset", "POST"),
             ("/sessions/1/export", "GET"),
+            ("/sessions/1/mesh", "GET"),
         ] {
             let refusal = route(&Verb::PUT, path).expect_err("no path is put to");
             assert_eq!((refusal.status, refusal.allow), (405, Some(allow)), "{path}");

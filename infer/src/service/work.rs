@@ -147,6 +147,7 @@ impl Service {
                 Reply::of(&json!({}))
             }
             Ask::Export => export(&open.session),
+            Ask::Mesh => mesh(open, patience),
             Ask::Create(_) => Err(Refusal::internal()),
         }
     }
@@ -271,5 +272,26 @@ fn export(session: &Session) -> Result<Reply, Refusal> {
         points_m: &cloud.points,
         normals: &cloud.normals,
         spacing_m: session.state().grid_size,
+    })
+}
+
+/// Memory that a mesh takes while it is made, for each point of the cloud, bytes.
+const MESH: usize = 4 << 10;
+
+fn mesh(open: &mut Open, patience: &Patience) -> Result<Reply, Refusal> {
+    #[derive(Serialize)]
+    struct Triangles<'a> {
+        vertices_m: &'a [nalgebra::Point3<f64>],
+        normals: &'a [nalgebra::Vector3<f64>],
+        triangles: &'a [[u32; 3]],
+        rim: &'a [bool],
+    }
+    open.held.cover(open.memory() + MESH * open.session.cloud().len())?;
+    let made = open.session.mesh_within(&patience.budget(OnDeadline::Error))?;
+    Reply::of(&Triangles {
+        vertices_m: &made.mesh.vertices,
+        normals: &made.normals,
+        triangles: &made.mesh.triangles,
+        rim: &made.rim,
     })
 }

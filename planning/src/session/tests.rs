@@ -267,3 +267,15 @@ fn the_reason_names_a_hole_that_the_next_view_sees_best_and_no_other() {
     answer.missing.as_mut().expect("a back").holes[0].best_candidate = Some(rank);
     assert!(answer.reason().contains(" across, "), "{}", answer.reason());
 }
+
+#[test]
+fn a_mesh_is_given_up_at_its_deadline() {
+    let session = session(30, SessionConfig::default());
+    let whole = session.mesh_within(&Budget::default()).expect("time enough");
+    assert_eq!(whole, session.mesh());
+    assert!(whole.mesh.triangles.len() > 500);
+    for (left, why) in [(Left::Nothing, Stopped::Late), (Left::Nobody, Stopped::Cancelled)] {
+        let given_up = session.mesh_within(&budget(100, left)).expect_err("no time left");
+        assert!(matches!(given_up, SessionError::Stopped(stopped) if stopped == why), "{given_up}");
+    }
+}
