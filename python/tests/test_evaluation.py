@@ -183,8 +183,13 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_call_goes_on(tmp_path):
                 time.sleep(0.3)
             return super().rank_views(state)
 
-    with pytest.raises(KeyboardInterrupt):
-        evaluate({"slow": Slow()}, out=tmp_path, episodes=20)
+    # Of processes in the background, shells have it ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            evaluate({"slow": Slow()}, out=tmp_path, episodes=20)
+    finally:
+        signal.signal(signal.SIGINT, before)
     stopped = Slow.calls
     assert 7 <= stopped < 60, "not all 120"
     report = evaluate({"slow": Slow()}, out=tmp_path, episodes=20)

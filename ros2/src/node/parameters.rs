@@ -26,7 +26,7 @@ fn validate(start: &Ros2Config, name: &str, value: &ParameterValue) -> Result<()
             return match serde_json::from_str::<Value>(text) {
                 Ok(Value::Object(_)) => Ok(()),
                 Ok(_) => Err("config: expected an object such as {\"working_distance_m\": 0.6}".to_owned()),
-                Err(e) => Err(format!("config: no JSON: {e}")),
+                Err(e) => Err(format!("config: not JSON: {e}")),
             };
         }
         ("wait_s", ParameterValue::Double(seconds)) => changed.wait_s = *seconds,
