@@ -176,7 +176,7 @@ pub struct Args {
     /// Program that decides which views can be taken
     ///
     /// For instance one that asks MoveIt: JSON lines over its stdin and stdout, yes or no for each candidate, with a cost or a reason.
-    /// docs/robots.md, 'A motion planner of your own'.
+    /// docs/robots.md, 'Using your own motion planner'.
     #[arg(help_heading = ARM, long, value_name = "COMMAND")]
     pub check_with: Option<String>,
     /// Time for each of its answers [default: 60]

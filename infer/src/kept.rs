@@ -45,8 +45,8 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
     work(Ask::Configure(Box::new(config.clone())))?;
     let mut add = |path: &Path, body: &[u8]| -> Result<()> {
         let ask = Ask::parse(Method::AddScan, Body::Whole(body), false, true);
-        let reply = ask.and_then(&mut work).with_context(|| path.display().to_string())?;
-        tracing::info!("{}: {}", path.display(), String::from_utf8_lossy(&reply.body));
+        let reply = ask.and_then(&mut work).with_context(|| format!("{path:?}"))?;
+        tracing::info!("{path:?}: {}", String::from_utf8_lossy(&reply.body));
         Ok(())
     };
     for (i, path) in args.scan.iter().enumerate() {

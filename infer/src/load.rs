@@ -37,15 +37,14 @@ const NAMED: u64 = 1 << 30;
 
 /// A file that a request names: a regular one, no device or pipe.
 pub fn named_bytes(path: &Path) -> Result<Vec<u8>> {
-    let shown = path.display();
-    let about = std::fs::metadata(path).with_context(|| format!("{shown}: cannot be read"))?;
+    let about = std::fs::metadata(path).with_context(|| format!("{path:?}: cannot be read"))?;
     if !about.is_file() {
-        bail!("{shown}: not a regular file");
+        bail!("{path:?}: not a regular file");
     }
     if about.len() > NAMED {
-        bail!("{shown}: {} MiB, at most {} are read", about.len() >> 20, NAMED >> 20);
+        bail!("{path:?}: {} MiB, at most {} are read", about.len() >> 20, NAMED >> 20);
     }
-    std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))
+    std::fs::read(path).with_context(|| format!("{path:?}: cannot be read"))
 }
 
 /// [`cloud`] of such a file. Who asks need not be allowed to see it: what is in it shows in no error.
@@ -54,10 +53,7 @@ pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<[
         Ok(file) => Ok(from_cloud_file(file, unit).seen_from(from)),
         Err(error @ FormatError::UnknownType { .. }) => Err(error.into()),
         Err(_) => {
-            bail!(
-                "{}: not a valid file of the type that its extension says (infer --scan FILE reports where)",
-                path.display()
-            )
+            bail!("{path:?}: not a valid file of the type that its extension says (infer --scan FILE reports where)")
         }
     }
 }
@@ -239,7 +235,7 @@ pub fn depth(
     check_unit("--depth-unit", metres_per_unit)?;
     let (world_from_camera, camera) = placed_camera(path, pose, camera)?;
     from_depth_file(read_depth(path, metres_per_unit)?, &camera, world_from_camera, misses)
-        .with_context(|| path.display().to_string())
+        .with_context(|| format!("{path:?}"))
 }
 
 /// The pose of a depth image's camera, and the camera: as given, else as the file of the pose has it.
@@ -248,8 +244,7 @@ pub fn placed_camera(path: &Path, pose: &str, camera: Option<DepthCamera>) -> Re
     let known = known.map(|intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None });
     let Some(camera) = camera.or(known) else {
         bail!(
-            "{}: the camera is unknown: give --camera FILE, --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file",
-            path.display()
+            "{path:?}: the camera is unknown: give --camera FILE, --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file"
         );
     };
     Ok((world_from_camera, camera))
@@ -260,10 +255,9 @@ pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded>
     let (world_from_camera, _) = read_pose(pose)?;
     let mut loaded = cloud(path, unit, None)?;
     let Scan::Cloud { cloud, from } = &mut loaded.scan else {
-        bail!("{}: the cloud already says where its camera was: omit --pose {pose}", path.display());
+        bail!("{path:?}: the cloud already says where its camera was: omit --pose {pose}");
     };
-    check_ahead(&cloud.points, &world_from_camera)
-        .map_err(|why| anyhow::anyhow!("--pose {pose}, {}: {why}", path.display()))?;
+    check_ahead(&cloud.points, &world_from_camera).map_err(|why| anyhow::anyhow!("--pose {pose}, {path:?}: {why}"))?;
     let note = replace_position(from, Point3::from(world_from_camera.translation.vector));
     loaded.reading.notes.extend(note);
     Ok(loaded)

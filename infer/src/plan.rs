@@ -57,7 +57,7 @@ const COLUMNS: [&str; 13] = [
 pub fn check(path: &Path) -> Result<()> {
     match ending(path).as_str() {
         "json" | "yaml" | "yml" | "csv" => Ok(()),
-        found => bail!("--plan {}: unknown extension .{found}, expected .json, .yaml or .csv", path.display()),
+        found => bail!("--plan {path:?}: unknown extension .{found}, expected .json, .yaml or .csv"),
     }
 }
 
@@ -68,8 +68,7 @@ pub fn check(path: &Path) -> Result<()> {
 pub fn write(path: &Path, plan: Option<&ScanPlan>) -> Result<()> {
     let plan = plan.with_context(|| {
         format!(
-            "--plan {}: only the planner volumetric predicts what several views see together; use --planner auto or volumetric",
-            path.display()
+            "--plan {path:?}: only the planner volumetric predicts what several views see together; use --planner auto or volumetric"
         )
     })?;
     let views: Vec<Value> = plan.views.iter().map(view).collect();

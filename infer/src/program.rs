@@ -80,7 +80,7 @@ fn run(args: &Args) -> Result<ExitCode> {
         service::check(&config).map_err(|refusal| anyhow::anyhow!("{}", refusal.message))?;
         let mut service = Service::new(config.clone(), network()?, limits);
         if let Some(folder) = &args.state {
-            service = service.keeping_state(folder).with_context(|| format!("--state {}", folder.display()))?;
+            service = service.keeping_state(folder).with_context(|| format!("--state {folder:?}"))?;
         }
         if let Some(check) = checked_by(args) {
             service = service.checking_with(check, Asks::Always);
@@ -91,7 +91,7 @@ fn run(args: &Args) -> Result<ExitCode> {
         return closed_loop(object, args, Session::new(config.clone(), network()?)?);
     }
     if let Some(folder) = &args.session {
-        let place = || format!("--session {}", folder.display());
+        let place = || format!("--session {folder:?}");
         let service = kept::service(&config, network()?, folder).with_context(place)?;
         let entry = service.first().map_err(anyhow::Error::from).with_context(place)?;
         let mut open = entry.open.blocking_lock();
@@ -205,7 +205,7 @@ fn robot(args: &Args) -> Result<Vec<Option<Flag>>> {
     let (Some(file), Some(tool)) = (&args.robot, &args.tool) else { return Ok(Vec::new()) };
     let UrdfArm { arm, notes } = read_urdf(file, tool)?;
     for note in notes {
-        tracing::warn!("{}: {note}", file.display());
+        tracing::warn!("{file:?}: {note}");
     }
     let hand_eye = |flag: &str, text: &Option<String>| -> Result<Option<toml::Value>> {
         let Some(text) = text else { return Ok(None) };
@@ -252,10 +252,9 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
 fn add(session: &mut Session, path: &Path, loaded: Loaded, table_angle_deg: Option<&f64>) -> Result<()> {
     let Loaded { scan, mut reading } = loaded;
     reading.table_angle_deg = table_angle_deg.copied();
-    reading.notes.iter_mut().for_each(|note| *note = format!("{}: {note}", path.display()));
-    let report =
-        session.add_scan_within(scan, reading, &Budget::default()).with_context(|| path.display().to_string())?;
-    tracing::info!("{}: {}", path.display(), report.describe());
+    reading.notes.iter_mut().for_each(|note| *note = format!("{path:?}: {note}"));
+    let report = session.add_scan_within(scan, reading, &Budget::default()).with_context(|| format!("{path:?}"))?;
+    tracing::info!("{path:?}: {}", report.describe());
     Ok(())
 }
 

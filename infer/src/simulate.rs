@@ -181,7 +181,7 @@ pub fn export_scans(directory: &Path, object: &str, outcome: &Outcome, camera: &
     if outcome.poses.len() < 3 {
         bail!("{object}: {} scans were taken, three are needed for --export-scans", outcome.poses.len());
     }
-    std::fs::create_dir_all(directory).with_context(|| format!("cannot make {}", directory.display()))?;
+    std::fs::create_dir_all(directory).with_context(|| format!("cannot make {directory:?}"))?;
     let scene = Scene::new(object_mesh(object)?.normalized(DIAGONAL));
     let shot = |pose: &Isometry3<f64>| scene.depth_image(camera, pose, &RenderConfig::default());
     let mut scans = Vec::new();

@@ -17,7 +17,7 @@ pub fn network(directory: Option<&Path>, device: &str) -> Result<Network> {
     Ok(match directory {
         Some(directory) => {
             let loaded = NetPlanner::load(directory, config);
-            Network::new(loaded.with_context(|| format!("--weights {}", directory.display()))?)
+            Network::new(loaded.with_context(|| format!("--weights {directory:?}"))?)
         }
         None => Network::new(Bundled::new(config)),
     })

@@ -157,3 +157,33 @@ fn a_plan_of_several_views_is_a_list() {
     let blind = made("b.csv", &["--planner", "farthest"]).expect_err("it forecasts nothing");
     assert!(blind.contains("--plan") && blind.contains("volumetric"), "{blind}");
 }
+
+#[test]
+fn a_file_name_with_a_line_feed_stays_within_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let named = |name: &str, content: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).expect("written");
+        path.display().to_string()
+    };
+    let (cloud, odd) = (sample("scan1.ply").display().to_string(), named("a\nb.xyz", "0 0 zero\n"));
+    let (poses, depth) = (named("p\n\u{1b}[31m.conf", "bmesh a.ply 0 0 0 0 0 0 1\n"), named("d\n.npy", "no array"));
+    for arguments in [
+        &["--scan", &odd][..],
+        &["--scan", &cloud, "--pose", &poses],
+        &["--scan", &cloud, "--pose", &odd],
+        &["--scan", &cloud, "--views-from", &poses],
+        &["--scan", &cloud, "--plan", &odd],
+        &["--scan", &cloud, "--weights", &odd],
+        &["--scan", &cloud, "--session", &odd],
+        &["--depth", &depth, "--pose", &odd],
+        &["--scan", &cloud, "--config", &format!("{odd}.missing")],
+        &["--object", &odd],
+        &["--serve", "--state", &odd],
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_infer")).args(arguments).output().expect("infer runs");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && text.lines().count() == 1, "{arguments:?}: {text}");
+        assert!(text.contains("\\n") && !text.contains('\u{1b}'), "{arguments:?}: {text}");
+    }
+}

@@ -1,4 +1,4 @@
-//! The cell of docs/robots.md, 'One cell from the first scan to a mesh': an arm, a turntable, a table, with one command.
+//! The cell of docs/robots.md, 'A complete cell, from the first scan to a mesh': an arm, a turntable, a table, with one command.
 
 use formats::mesh::read_mesh;
 use formats::urdf::read_urdf;

@@ -108,7 +108,7 @@ pub fn save_with<N: Network>(
     info: &Checkpoint<N::Config>,
     more: &[(&str, &[u8])],
 ) -> Result<(), CheckpointError> {
-    let io = |file: &Path, source| CheckpointError::Io { file: file.display().to_string(), cause: source };
+    let io = |file: &Path, source| CheckpointError::Io { file: format!("{file:?}"), cause: source };
     let parent = match directory.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
         _ => PathBuf::from("."),
@@ -155,9 +155,9 @@ pub fn load<N: Network>(directory: &Path, device: &Device) -> Result<(N, Checkpo
     let sums = Sums::read(directory)?;
     let info = read_description::<N::Config>(directory, &sums, Some(N::KIND))?;
     let file = directory.join(WEIGHTS);
-    let bytes = fs::read(&file).map_err(|e| CheckpointError::Io { file: file.display().to_string(), cause: e })?;
+    let bytes = fs::read(&file).map_err(|e| CheckpointError::Io { file: format!("{file:?}"), cause: e })?;
     sums.check(WEIGHTS, &bytes)?;
-    let net = build::<N>(&info, &bytes, &directory.join(DESCRIPTION).display().to_string(), &file, device)?;
+    let net = build::<N>(&info, &bytes, &format!("{:?}", directory.join(DESCRIPTION)), &file, device)?;
     Ok((net, info))
 }
 
@@ -182,7 +182,7 @@ pub fn kind(directory: &Path) -> Result<String, CheckpointError> {
 /// A network of these sizes with the weights of a `.safetensors`, `.pth` or `.pt` file.
 pub fn import_pytorch<N: Network>(file: &Path, config: &N::Config, device: &Device) -> Result<N, CheckpointError> {
     let tensors = published::read_file(file)?;
-    let name = file.display().to_string();
+    let name = format!("{file:?}");
     check_size::<N>(config, &tensors, &name)
         .map_err(|reason| CheckpointError::Description { file: "settings".to_owned(), reason })?;
     let net = N::create(config, device).map_err(WeightsError::Config)?;
@@ -191,7 +191,7 @@ pub fn import_pytorch<N: Network>(file: &Path, config: &N::Config, device: &Devi
 
 /// Writes the weights alone, as a `.safetensors` that PyTorch's `load_state_dict(strict=True)` takes.
 pub fn export_pytorch<N: Network>(net: &N, file: &Path, precision: Precision) -> Result<(), CheckpointError> {
-    let io = |source| CheckpointError::Io { file: file.display().to_string(), cause: source };
+    let io = |source| CheckpointError::Io { file: format!("{file:?}"), cause: source };
     let bytes = published::to_safetensors(net, precision)?;
     let parent = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(io)?;
@@ -213,7 +213,7 @@ fn build<N: Network>(
     if !(1..=MOST).contains(&info.encode.points) {
         return Err(fail(format!("[encode] points = {}: expected 1 to {MOST}", info.encode.points)));
     }
-    let name = file.display().to_string();
+    let name = format!("{file:?}");
     let tensors = published::read_safetensors(weights, &name)?;
     check_size::<N>(&info.network, &tensors, &name).map_err(fail)?;
     let net = N::create(&info.network, device).map_err(|reason| fail(format!("[network] {reason}")))?;
@@ -243,8 +243,7 @@ fn surviving(directory: &Path) -> PathBuf {
 }
 
 fn describe<C: Serialize>(info: &Checkpoint<C>, file: &Path) -> Result<String, CheckpointError> {
-    toml::to_string(info)
-        .map_err(|e| CheckpointError::Description { file: file.display().to_string(), reason: e.to_string() })
+    toml::to_string(info).map_err(|e| CheckpointError::Description { file: format!("{file:?}"), reason: e.to_string() })
 }
 
 fn read_description<C: DeserializeOwned>(
@@ -253,7 +252,7 @@ fn read_description<C: DeserializeOwned>(
     kind: Option<&str>,
 ) -> Result<Checkpoint<C>, CheckpointError> {
     let file = directory.join(DESCRIPTION);
-    let name = file.display().to_string();
+    let name = format!("{file:?}");
     let bytes = fs::read(&file).map_err(|cause| CheckpointError::Io { file: name.clone(), cause })?;
     sums.check(DESCRIPTION, &bytes)?;
     parse_description(&String::from_utf8_lossy(&bytes), &name, kind)

@@ -41,7 +41,7 @@ impl Sums {
                 }
                 return Ok(sums);
             }
-            Err(cause) => return Err(CheckpointError::Io { file: file.display().to_string(), cause }),
+            Err(cause) => return Err(CheckpointError::Io { file: format!("{file:?}"), cause }),
         };
         let text = String::from_utf8_lossy(&bytes);
         let lines = text.lines().map(|line| {
@@ -49,7 +49,7 @@ impl Sums {
             Some((name.to_owned(), sum.to_owned()))
         });
         let by_name = lines.collect::<Option<BTreeMap<_, _>>>().ok_or_else(|| CheckpointError::Description {
-            file: file.display().to_string(),
+            file: format!("{file:?}"),
             reason: "expected lines of a SHA-256, two spaces and the name of a file, as sha256sum writes them"
                 .to_owned(),
         })?;
@@ -68,7 +68,7 @@ impl Sums {
         if found == expected {
             return Ok(());
         }
-        let file = self.directory.join(name).display().to_string();
+        let file = format!("{:?}", self.directory.join(name));
         Err(CheckpointError::Damaged { file, found, expected: expected.to_owned() })
     }
 }

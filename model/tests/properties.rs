@@ -253,7 +253,7 @@ fn bad_checkpoints_are_explained() {
     assert!(with("heads = 4", "heads = 5").contains("heads = 5 must divide attention_width = 16"));
     assert!(with("heads = 4", "hands = 4").contains("unknown field `hands`"));
     let huge = with("trunk_widths = [16, 16, 8]", "trunk_widths = [1000000, 1000000, 8]");
-    assert!(huge.contains("[network] asks for more than 1000") && huge.contains("model.safetensors holds"), "{huge}");
+    assert!(huge.contains("[network] asks for more than 1000") && huge.contains("model.safetensors\" holds"), "{huge}");
     assert!(with("[encode]\npoints = ", "[encode]\npoints = 9999999").contains("[encode] points = 9999999"));
     assert!(with("kind = \"benbv-net\"", "kind = \"pc-nbv\"").contains("expected a checkpoint of \"benbv-net\""));
     let misshaped = with("head_width = 8", "head_width = 9");
@@ -270,9 +270,9 @@ fn bad_checkpoints_are_explained() {
     let weights = directory.join(checkpoint::WEIGHTS);
     let bytes = std::fs::read(&weights).expect("bytes");
     std::fs::write(&weights, &bytes[..bytes.len() - 9]).expect("written");
-    assert!(load().contains("model.safetensors: not a readable safetensors file"));
+    assert!(load().contains("model.safetensors\": not a readable safetensors file"));
     std::fs::remove_file(&weights).expect("removed");
-    assert!(load().contains("model.safetensors: No such file"));
+    assert!(load().contains("model.safetensors\": No such file"));
 }
 
 #[test]

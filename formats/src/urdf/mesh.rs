@@ -17,8 +17,7 @@ pub fn collision_mesh(urdf: &Path, element: &Element) -> Result<Mesh, String> {
         text => super::triple(text)
             .ok_or_else(|| format!("the collision mesh {name} has scale {text:?}, not three numbers"))?,
     };
-    let path =
-        find(urdf, name).ok_or_else(|| format!("the collision mesh {name} is not found next to {}", urdf.display()))?;
+    let path = find(urdf, name).ok_or_else(|| format!("the collision mesh {name} is not found next to {urdf:?}"))?;
     let mut mesh = read_mesh(&path).map_err(|e| format!("the collision mesh cannot be read: {e}"))?;
     for vertex in &mut mesh.vertices {
         *vertex = Point3::from([0, 1, 2].map(|k| vertex[k] * scale[k]));

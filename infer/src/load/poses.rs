@@ -55,17 +55,11 @@ pub fn poses(path: &Path) -> Result<Vec<Isometry3<f64>>> {
 fn known_poses(path: &Path) -> Result<Vec<FilePose>> {
     let file = read_poses(path)?;
     if file.of_scans {
-        bail!(
-            "{}: a .conf file has the poses of range images, not of their cameras: expected camera poses",
-            path.display()
-        );
+        bail!("{path:?}: a .conf file has the poses of range images, not of their cameras: expected camera poses");
     }
     let off = file.poses.iter().map(|p| p.off).fold(0.0, f64::max);
     if off > NOT_ROUNDING {
-        tracing::warn!(
-            "{}: matrices deviate from rotations by up to {off:.1e}; the nearest rotations are used",
-            path.display()
-        );
+        tracing::warn!("{path:?}: matrices deviate from rotations by up to {off:.1e}; the nearest rotations are used");
     }
     Ok(file.poses)
 }

@@ -202,5 +202,5 @@ fn a_calibrated_lens_is_undone_on_reading() {
     let other = DepthCamera { size: Some([128, 96]), ..camera };
     let error =
         format!("{:#}", depth(&image, None, "0,0,0,0,0,0,1", Some(other), NoReturn::Unknown).expect_err("a size"));
-    assert!(error.contains("d.png: 64 x 48 pixels, but the camera was calibrated for 128 x 96"), "{error}");
+    assert!(error.contains("d.png\": 64 x 48 pixels, but the camera was calibrated for 128 x 96"), "{error}");
 }

@@ -15,7 +15,7 @@ use std::path::Path;
 /// itself or keep it under `state_dict`, `model_state_dict` or `model`; the prefix `module.` of
 /// `DataParallel` is dropped.
 pub fn read_file(file: &Path) -> Result<Vec<Stored>, WeightsError> {
-    let name = file.display().to_string();
+    let name = format!("{file:?}");
     match file.extension().and_then(|e| e.to_str()) {
         Some("safetensors") => {
             let bytes = std::fs::read(file).map_err(|source| WeightsError::Io { file: name.clone(), cause: source })?;
