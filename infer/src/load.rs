@@ -29,7 +29,7 @@ pub struct Loaded {
 /// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera. Without `unit`, the
 /// unit that the file names holds, or metres. `from`, the camera's position in the unit of the cloud, if it is known.
 pub fn cloud(path: &Path, unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
-    Ok(from_cloud_file(read_cloud(path)?, unit).seen_from(from))
+    Ok(from_cloud_file(read_cloud(path)?, unit).seen_from(from, unit))
 }
 
 /// Largest file that a request may name, bytes.
@@ -50,7 +50,7 @@ pub fn named_bytes(path: &Path) -> Result<Vec<u8>> {
 /// [`cloud`] of such a file. Who asks need not be allowed to see it: what is in it shows in no error.
 pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
     match parse_cloud(path, bytes) {
-        Ok(file) => Ok(from_cloud_file(file, unit).seen_from(from)),
+        Ok(file) => Ok(from_cloud_file(file, unit).seen_from(from, unit)),
         Err(error @ FormatError::UnknownType { .. }) => Err(error.into()),
         Err(_) => {
             bail!("{path:?}: not a valid file of the type that its extension says (infer --scan FILE reports where)")
@@ -60,7 +60,7 @@ pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<[
 
 /// [`cloud`] from bytes; the extension of the name determines the format.
 pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
-    Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit).seen_from(from))
+    Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit).seen_from(from, unit))
 }
 
 fn from_cloud_file(mut file: CloudFile, unit: Option<Unit>) -> Loaded {
@@ -113,10 +113,11 @@ fn leave_out_camera(file: &mut CloudFile) -> Option<String> {
 }
 
 impl Loaded {
-    /// With the camera's position, in the unit of the cloud; said where an organised cloud proves another.
-    fn seen_from(mut self, given: Option<[f64; 3]>) -> Self {
+    /// With the camera's position, in metres unless a unit is given: one that the file names is that of its columns alone. Said
+    /// where an organised cloud proves another position.
+    fn seen_from(mut self, given: Option<[f64; 3]>, unit: Option<Unit>) -> Self {
         let Some(given) = given else { return self };
-        let given = Point3::from(given) * self.reading.metres_per_unit.unwrap_or(1.0);
+        let given = Point3::from(given) * unit.map_or(1.0, Unit::metres);
         match &mut self.scan {
             Scan::Cloud { from, .. } => self.reading.notes.extend(replace_position(from, given)),
             Scan::Depth { world_from_camera, .. } => {

@@ -71,17 +71,18 @@ fn a_cloud_of_another_geometry_stays_a_cloud() {
 fn a_position_that_an_organised_cloud_contradicts_is_said() {
     let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
     let file = || from_cloud_file(organised(&camera, &Isometry3::identity()), Some(Unit::Mm));
-    let notes = |from| file().seen_from(Some(from)).reading.notes;
+    let notes = |from| file().seen_from(Some(from), Some(Unit::Mm)).reading.notes;
     assert!(notes([1000.0, 2.0, 3.0])[0].contains("camera at (0.000, 0.000, 0.000)"));
-    assert!(notes([0.0, 0.5, 0.0]).is_empty() && file().seen_from(None).reading.notes.is_empty());
+    assert!(notes([0.0, 0.5, 0.0]).is_empty() && file().seen_from(None, None).reading.notes.is_empty());
     let cloud = CloudFile { grid: None, ..organised(&camera, &Isometry3::identity()) };
-    let Loaded { scan, reading } = from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some([1000.0, 0.0, 0.0]));
+    let Loaded { scan, reading } =
+        from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some([1000.0, 0.0, 0.0]), Some(Unit::Mm));
     assert_eq!((scan.camera_position(), reading.notes.len()), (Some(Point3::new(1.0, 0.0, 0.0)), 0));
     let moved = |given| {
         let viewpoint = Some(Isometry3::translation(0.0, 0.0, 2.0));
         let loaded =
             from_cloud_file(CloudFile { grid: None, viewpoint, ..organised(&camera, &Isometry3::identity()) }, None);
-        loaded.seen_from(given)
+        loaded.seen_from(given, None)
     };
     assert_eq!(moved(Some([0.0, 0.0, 2.0])).reading.notes.len() + moved(None).reading.notes.len(), 0);
     let Loaded { scan, reading } = moved(Some([1.0, 0.0, 2.0]));
@@ -112,6 +113,10 @@ fn the_unit_asked_for_holds_else_the_one_named() {
         assert_eq!((cloud.points[0].x, reading.metres_per_unit), (x, Some(x)));
         assert!(reading.notes[0].contains(said), "{:?}", reading.notes);
     }
+    let camera = |unit| file(unit).seen_from(Some([0.0, 0.0, 2.0]), unit).scan.camera_position();
+    let metres = Some(Point3::new(0.0, 0.0, 2.0));
+    assert_eq!((camera(None), camera(Some(Unit::M))), (metres, metres), "the columns' unit is not the camera's");
+    assert_eq!(camera(Some(Unit::Mm)), Some(Point3::new(0.0, 0.0, 0.002)));
 }
 
 #[test]
