@@ -1,6 +1,8 @@
 //! A recorded sequence as the world of an episode: its scans are the only ones that can be taken, each from its own view,
 //! and all of them together are the whole surface.
 
+mod settle;
+
 use crate::episode::EpisodeEvidence;
 use formats::sequence::{Sequence, SequenceScan};
 use geometry::{NeighborGrid, View};
@@ -9,6 +11,7 @@ use planning::accumulate::{Accumulate, reference_surface};
 use planning::config::CameraConfig;
 use planning::{ConstraintsConfig, SessionConfig};
 use rayon::prelude::*;
+use settle::Settled;
 
 /// Share of the returns of depth images that must lie outside of the object's box for the images to show its background.
 const SHOWS_BACKGROUND: f64 = 0.1;
@@ -19,6 +22,7 @@ pub struct Recording {
     sequence: Sequence,
     views: Vec<View>,
     tolerance_m: f64,
+    spread_m: f64,
     reference: Vec<Point3<f64>>,
     covers: Vec<Vec<u32>>,
     region_m: [[f64; 3]; 2],
@@ -26,17 +30,18 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Makes out the surface: all points, averaged in voxels as wide as the tolerance, so that it weighs alike however often
-    /// it was scanned. `tolerance_m` counts where the sequence names none.
+    /// Makes out the surface: the mean of all scans where they lie apart by their noise, averaged in voxels as wide as the
+    /// tolerance, so that it weighs alike however often it was scanned. `tolerance_m` counts where the sequence names none.
     pub fn new(sequence: Sequence, tolerance_m: f64) -> Self {
         let tolerance_m = sequence.tolerance_m.unwrap_or(tolerance_m);
         let all: Vec<Point3<f64>> = sequence.scans.iter().flat_map(|s| s.points.iter().copied()).collect();
-        let reference = reference_surface(&all, tolerance_m, Accumulate::Averaged);
-        let covered_by = |scan: &SequenceScan| {
-            let grid = NeighborGrid::new(&scan.points, 2.0 * tolerance_m);
+        let Settled { scans, spread_m } = Settled::new(&sequence.scans, tolerance_m);
+        let reference = reference_surface(&scans.concat(), tolerance_m, Accumulate::Averaged);
+        let covered_by = |points: &Vec<Point3<f64>>| {
+            let grid = NeighborGrid::new(points, 2.0 * tolerance_m);
             (0..reference.len() as u32).filter(|&i| grid.any_within(&reference[i as usize], tolerance_m)).collect()
         };
-        let covers = sequence.scans.par_iter().map(covered_by).collect();
+        let covers = scans.par_iter().map(covered_by).collect();
         let ahead = Point3::new(0.0, 0.0, sequence.working_distance_m);
         let view = |s: &SequenceScan| View {
             target: s.world_from_camera * ahead,
@@ -45,7 +50,7 @@ impl Recording {
         let views = sequence.scans.iter().map(view).collect();
         let region_m = sequence.region_m.unwrap_or_else(|| bounds(&all));
         let background = sequence.background.unwrap_or_else(|| shows_background(&sequence, &region_m));
-        Self { sequence, views, tolerance_m, reference, covers, region_m, background }
+        Self { sequence, views, tolerance_m, spread_m, reference, covers, region_m, background }
     }
 
     /// Number of scans.
@@ -81,6 +86,12 @@ impl Recording {
     /// Distance under which a point of the surface is covered, metres.
     pub fn tolerance_m(&self) -> f64 {
         self.tolerance_m
+    }
+
+    /// Standard deviation of the scans from the surface that they have in common, along its normals, metres: noise, and
+    /// what registration left.
+    pub fn spread_m(&self) -> f64 {
+        self.spread_m
     }
 
     /// Indices into the surface of what a scan covers, rising.
@@ -141,3 +152,6 @@ fn shows_background(sequence: &Sequence, [low, high]: &[[f64; 3]; 2]) -> bool {
     }
     outside as f64 > SHOWS_BACKGROUND * returns as f64
 }
+
+#[cfg(test)]
+mod tests;
