@@ -1,6 +1,7 @@
 //! Planning without a model: space carved by past scans, the surface expected in what is left unknown, and the gain
 //! and overlap that a view can expect of both.
 
+mod belief;
 mod carved;
 mod grid;
 mod holes;
@@ -91,7 +92,8 @@ pub struct ViewForecast {
     /// What the score counts, as a share of the whole: the expected surface that its points would cover within the
     /// tolerance, and half of what pixels see that enter unknown space without meeting any.
     pub gain: f64,
-    /// The gain to tell: the expected surface in its image as a share of the whole, at most what is missing.
+    /// The gain to tell: the expected surface in its image as a share of the whole, at most what is missing, and less where
+    /// past scans looked and measured nothing.
     pub reported_gain: f64,
     /// Overlap of its scan with the cloud, within the tolerance, which the score counts; `None` where nothing is expected to
     /// be seen.
@@ -104,7 +106,7 @@ pub struct ViewForecast {
     pub novelty: f64,
     /// Measured surface in its image, square metres.
     pub known_m2: f64,
-    /// Surface expected in unknown space in its image, square metres.
+    /// Surface expected in unknown space in its image, as far as it is believed, square metres.
     pub expected_m2: f64,
     /// Pixels by what they show, as shares of all that show something: those that enter unknown space before they meet
     /// surface, those of them that meet the membrane, those that meet surface from its front, the same behind unknown
@@ -232,6 +234,8 @@ impl VolumetricPlanner {
         let carves = self.carved.iter().all(Carved::carves);
         let trust = predict::trust(grid.voxel, state.tolerance);
         let leaps = Leaps::new(&grid, carves);
+        let beliefs = belief::beliefs(&Marcher::new(&grid, &leaps, &state.sensor), state);
+        grid.expected.iter_mut().zip(beliefs).for_each(|(voxel, belief)| voxel.belief = belief);
         let marcher = Marcher::new(&grid, &leaps, &state.sensor);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
         let look = |(view, pose): &(View, Isometry3<f64>)| {

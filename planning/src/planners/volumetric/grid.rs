@@ -52,12 +52,15 @@ pub(super) struct ExpectedVoxel {
     pub(super) index: u32,
     /// Of unit length, towards the empty side; zero where the membrane does not tell.
     pub(super) normal: [f32; 3],
+    /// Share that a view is believed to measure ([`super::belief`]).
+    pub(super) belief: f32,
 }
 
 impl ExpectedVoxel {
     pub(super) fn new(index: u32, outward: [f32; 3]) -> Self {
         let length = outward.iter().map(|x| x * x).sum::<f32>().sqrt();
-        Self { index, normal: if length > 1e-4 { outward.map(|x| x / length) } else { [0.0; 3] } }
+        let normal = if length > 1e-4 { outward.map(|x| x / length) } else { [0.0; 3] };
+        Self { index, normal, belief: 1.0 }
     }
 
     /// Area of the membrane in it, squares of a voxel: one voxel is passed in each column along the largest component of

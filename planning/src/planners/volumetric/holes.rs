@@ -36,7 +36,8 @@ pub struct Hole {
     pub share: f64,
     /// Why no scan has measured it: of most of it.
     pub unseen: Unseen,
-    /// Share of it that a view sees that may be taken.
+    /// Share of it that a view can be expected to measure that may be taken: what is in sight of one, less where past scans
+    /// looked and measured nothing.
     pub within_reach: f64,
     /// The allowed candidate that sees most of it, as a rank; absent where none sees any.
     pub best_candidate: Option<usize>,
@@ -162,6 +163,8 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
     let looked_at = (SAMPLES * area / whole.expected_m2).clamp(OF_A_HOLE[0], OF_A_HOLE[1]) as usize;
     let samples: Vec<&Spot> = voxels.iter().step_by(voxels.len().div_ceil(looked_at)).collect();
     let count = |seen: &[bool]| seen.iter().filter(|s| **s).count();
+    let believed =
+        |seen: &[bool]| samples.iter().zip(seen).filter(|(_, s)| **s).map(|(spot, _)| spot.belief).sum::<f64>();
     let mut reached = vec![false; samples.len()];
     let mut best: Option<(usize, usize)> = None;
     for (rank, pose) in allowed.candidates {
@@ -187,7 +190,7 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
         area_m2: area,
         share: area / (whole.known_m2 + whole.expected_m2),
         unseen: why(marcher, &samples, state),
-        within_reach: count(&reached) as f64 / samples.len().max(1) as f64,
+        within_reach: believed(&reached) / samples.len().max(1) as f64,
         best_candidate: best.map(|(rank, _)| rank),
     }
 }
@@ -202,18 +205,20 @@ fn why(marcher: &Marcher, samples: &[&Spot], state: &ScanState) -> Unseen {
 }
 
 /// A voxel of the membrane.
-struct Spot {
+pub(super) struct Spot {
     point: Point3<f64>,
     normal: Vector3<f64>,
     /// Square metres.
     area: f64,
+    belief: f64,
 }
 
 impl Spot {
-    fn of(grid: &VoxelGrid, k: usize) -> Self {
+    pub(super) fn of(grid: &VoxelGrid, k: usize) -> Self {
         let voxel = &grid.expected[k];
         let normal = Vector3::from(voxel.normal).cast();
-        Self { point: grid.middle(voxel.index), normal, area: voxel.area() * grid.voxel.powi(2) }
+        let (area, belief) = (voxel.area() * grid.voxel.powi(2), f64::from(voxel.belief));
+        Self { point: grid.middle(voxel.index), normal, area, belief }
     }
 
     /// What a ray from `eye` meets, and how far the eye is, voxels.
@@ -248,12 +253,19 @@ impl Spot {
         in_image(camera, pose, &self.point) && self.is_measured(marcher, &Point3::from(pose.translation.vector))
     }
 
+    fn is_outside(&self, scan: &PastScan) -> bool {
+        matches!(&scan.seen, Seen::Depth { camera, .. } if !in_image(camera, &scan.world_from_camera, &self.point))
+    }
+
+    /// Whether a scan looked at it.
+    pub(super) fn was_in_sight(&self, marcher: &Marcher, scan: &PastScan) -> bool {
+        !self.is_outside(scan) && self.is_in_sight(marcher, &Point3::from(scan.world_from_camera.translation.vector))
+    }
+
     fn why(&self, marcher: &Marcher, scan: &PastScan) -> Unseen {
-        let pose = &scan.world_from_camera;
-        let eye = Point3::from(pose.translation.vector);
-        let outside = matches!(&scan.seen, Seen::Depth { camera, .. } if !in_image(camera, pose, &self.point));
+        let eye = Point3::from(scan.world_from_camera.translation.vector);
         let ray = eye - self.point;
-        if outside {
+        if self.is_outside(scan) {
             return Unseen::OutsideImage;
         }
         if self.normal != Vector3::zeros() && self.normal.dot(&ray) < EDGE_ON * ray.norm() {

@@ -89,7 +89,7 @@ pub(super) struct Forecast {
 pub(super) struct Area {
     /// Measured surface.
     pub(super) known: f64,
-    /// The membrane.
+    /// The membrane, as far as it is believed.
     pub(super) expected: f64,
     /// The part of the membrane that its points would cover within the tolerance.
     pub(super) covered: f64,
@@ -255,7 +255,9 @@ impl Marcher<'_> {
                 counts[1] += 1;
                 let cosine = self.expected_cosine(index, ray);
                 let seen = across(at) / f64::from(cosine);
-                area.expected += across(at) / f64::from(cosine.max(COARSE));
+                let grid = self.grid();
+                let belief = grid.expected.get(grid.slot[index] as usize).map_or(1.0, |voxel| voxel.belief);
+                area.expected += f64::from(belief) * across(at) / f64::from(cosine.max(COARSE));
                 area.covered += seen * share(at, cosine);
             }
             Hit::Known { hidden, voxel, cosine, at } => {

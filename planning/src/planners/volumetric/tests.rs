@@ -4,6 +4,7 @@ use super::*;
 use crate::{NoReturn, Seen, SensorConfig};
 use geometry::{DepthImage, NeighborGrid, PointCloud, View, rng};
 
+mod belief;
 mod outlines_and_areas;
 
 /// A ball of 8 cm seen from +z, by its analytic depth image.
