@@ -3,7 +3,8 @@
 //! within so many tolerances of the scans before, and how much of that beside rather than beyond their surface.
 //!
 //! ```text
-//! cargo run --release -p datagen --example recorded_gains -- --root DIR [--only bunny] [--starts 4] [--tolerance-m 0.001] [--evidence depth]
+//! cargo run --release -p datagen --example recorded_gains -- --root DIR --only bunny [--starts 4] [--tolerance-m 0.001] [--evidence depth]
+//!     [--gain-only] [--planner farthest]
 //! ```
 
 use anyhow::{Context, Result};
@@ -15,6 +16,10 @@ use geometry::rng::stream;
 use nalgebra::Point3;
 use planning::{PlanError, PlannerName, RankedView, Session, SessionConfig};
 use std::path::PathBuf;
+
+/// The setting that ends a scan, and what may be missing then.
+const STOP_BELOW: f64 = 0.02;
+const ENOUGH: f64 = 0.04;
 
 #[derive(Parser)]
 struct Arguments {
@@ -35,7 +40,13 @@ struct Arguments {
     /// depth-with-background, depth, camera-positions or clouds.
     #[arg(long, default_value = "camera-positions")]
     evidence: String,
-    /// Every step in a line.
+    /// The view that is told to bring most is taken, whatever its overlap, instead of the first.
+    #[arg(long)]
+    gain_only: bool,
+    /// The planner: auto or farthest.
+    #[arg(long, default_value = "auto")]
+    planner: String,
+    /// Every candidate of every step.
     #[arg(long)]
     verbose: bool,
 }
@@ -79,11 +90,13 @@ fn main() -> Result<()> {
         1e3 * recording.spread_m(),
         recording.reference().len()
     );
-    let mut steps = Vec::new();
+    let (mut steps, mut mean) = (Vec::new(), [0.0; 3]);
     for k in 0..args.starts {
         let start = k * recording.len() / args.starts;
-        follow(&recording, start, evidence, &args, &mut steps)?;
+        let views = follow(&recording, start, evidence, &args, &mut steps)?;
+        (0..3).for_each(|i| mean[i] += views[i] / args.starts as f64);
     }
+    println!("views to 80, 90, 95 %: {:.2} {:.2} {:.2}", mean[0], mean[1], mean[2]);
     report(&steps);
     Ok(())
 }
@@ -94,10 +107,14 @@ fn follow(
     evidence: EpisodeEvidence,
     args: &Arguments,
     steps: &mut Vec<Step>,
-) -> Result<()> {
+) -> Result<[f64; 3]> {
     let tolerance = recording.tolerance_m();
-    let settings =
-        SessionConfig { planner: PlannerName::Auto, tolerance_m: tolerance, ..recording.session_config(evidence) };
+    let planner = match args.planner.as_str() {
+        "auto" => PlannerName::Auto,
+        "farthest" => PlannerName::Farthest,
+        other => anyhow::bail!("--planner {other}: expected auto or farthest"),
+    };
+    let settings = SessionConfig { planner, tolerance_m: tolerance, ..recording.session_config(evidence) };
     let mut session = Session::new(settings, None)?;
     session.set_given_views(recording.poses());
     let stage = Stage::Recorded { recording, start, evidence: Some(evidence) };
@@ -114,8 +131,11 @@ fn follow(
         let all = covered.len() as f64;
         let gain =
             |scan: usize| recording.covered_by(scan).iter().filter(|&&i| !covered[i as usize]).count() as f64 / all;
-        let left: Vec<_> =
+        let mut left: Vec<_> =
             answer.candidates.iter().filter_map(|c| Some((c.given.filter(|i| !taken.contains(i))?, c))).collect();
+        if args.gain_only {
+            left.sort_by(|(_, a), (_, b)| b.expected_gain.unwrap_or(0.0).total_cmp(&a.expected_gain.unwrap_or(0.0)));
+        }
         let Some((next, first)) = left.first() else { return Ok(Vec::new()) };
         let new: Vec<Point3<f64>> = recording
             .covered_by(*next)
@@ -181,8 +201,8 @@ fn follow(
         taken.push(*next);
         Ok(vec![RankedView::scored(recording.views()[*next], 1.0)])
     };
-    run_session(stage, session, &config, &mut stream(0, "recorded"), decide)?;
-    Ok(())
+    let (episode, _) = run_session(stage, session, &config, &mut stream(0, "recorded"), decide)?;
+    Ok([0.8, 0.9, 0.95].map(|level| episode.views_to(level).map_or(f64::NAN, |views| views as f64)))
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -227,4 +247,17 @@ fn report(steps: &[Step]) {
         print(&scans.to_string(), &of);
     }
     print("all", &steps.iter().collect::<Vec<_>>());
+    let starts: Vec<&[Step]> = steps.chunk_by(|a, b| b.scans > a.scans).collect();
+    let stops: Vec<&Step> = starts.iter().filter_map(|s| s.iter().find(|step| step.most_told < STOP_BELOW)).collect();
+    let enough =
+        |s: &&[Step]| s.iter().find(|step| step.missing_true < ENOUGH).map_or(f64::NAN, |step| step.scans as f64);
+    println!(
+        "--stop-below {STOP_BELOW}: {} of {} stop, after {:?} scans, {:.3} missing in the median, {:.3} at most; less than {ENOUGH} missing after {:?}",
+        stops.len(),
+        starts.len(),
+        stops.iter().map(|s| s.scans).collect::<Vec<_>>(),
+        median(stops.iter().map(|s| s.missing_true).collect()),
+        stops.iter().map(|s| s.missing_true).fold(0.0, f64::max),
+        starts.iter().map(enough).collect::<Vec<_>>(),
+    );
 }
