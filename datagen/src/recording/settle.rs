@@ -3,8 +3,9 @@
 
 use formats::sequence::SequenceScan;
 use geometry::normals::{estimate_normals, orient_normals_toward};
-use geometry::{NeighborGrid, PointCloud, VoxelOrigin};
+use geometry::{NeighborGrid, PointCloud};
 use nalgebra::{Point3, Vector3};
+use planning::accumulate::{Accumulate, reference_surface};
 use rayon::prelude::*;
 
 /// Points that a normal is estimated from.
@@ -59,9 +60,8 @@ impl Settled {
 impl Layers {
     fn new(scans: &[SequenceScan], tolerance: f64) -> Self {
         let averaged = |scan: &SequenceScan| {
-            let cloud = PointCloud { points: scan.points.clone(), normals: Vec::new() };
-            let mut cloud = cloud.voxel_downsample(tolerance, VoxelOrigin::World);
-            cloud.normals = estimate_normals(&cloud.points, NEIGHBORS);
+            let points = reference_surface(&scan.points, tolerance, Accumulate::Averaged);
+            let mut cloud = PointCloud { normals: estimate_normals(&points, NEIGHBORS), points };
             orient_normals_toward(&mut cloud, &Point3::from(scan.world_from_camera.translation.vector));
             cloud
         };
