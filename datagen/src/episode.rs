@@ -318,14 +318,18 @@ pub fn run_session(
             Err(error) if !error.is_end() => return Err(EpisodeError::Plan { index, error }),
             ranked => ranked.unwrap_or_default(),
         };
-        let at_hand = ranked.iter().filter(|r| camera.can_take(&r.view));
-        let Some(best) = world.session.first_registrable(at_hand) else {
+        let between = world.session.between();
+        let at_hand = ranked.iter().chain(&between).filter(|r| camera.can_take(&r.view));
+        let Some((best, bridge)) = world.session.first_registrable(at_hand) else {
             episode.end = End::NoView;
             break;
         };
         view = best.view;
         let shot = world.shoot(&mut camera, &view);
         episode.overlaps.push(world.overlap(&view, &shot));
+        if bridge {
+            world.bridges();
+        }
         episode.scan_points.push(shot.points.len());
         world.add(shot).map_err(|error| EpisodeError::Refused { scan: index + 1, error })?;
         episode.views.push(view);

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use planning::accumulate::averaged;
 use planning::registration::registrability::Demand;
 use planning::registration::{
-    About, Frame, Icp, Model, Moving, Register, Registrability, RegistrationConfig, Unsafe, overlap_of,
+    About, AfterAlarm, Frame, Icp, Model, Moving, Register, Registrability, RegistrationConfig, Unsafe, overlap_of,
 };
 use planning::{Accumulate, ScanState};
 
@@ -32,6 +32,9 @@ pub struct EpisodeRegistration {
     pub gate: bool,
     /// What views are held against before they are taken, whatever the policy: `off`, `overlap` or `lambda`.
     pub registrability: Registrability,
+    /// What follows a scan that is left out, whatever the policy: `ignore`, or `bridge` to keep it, try it again, and take a view that
+    /// connects it.
+    pub after_alarm: AfterAlarm,
 }
 
 impl Default for EpisodeRegistration {
@@ -43,6 +46,7 @@ impl Default for EpisodeRegistration {
             prior: true,
             gate: true,
             registrability: Registrability::Off,
+            after_alarm: AfterAlarm::Ignore,
         }
     }
 }
@@ -59,6 +63,7 @@ impl EpisodeRegistration {
             pose_error_deg: self.sigma_theta_deg,
             pose_error_about: About::Object,
             registrability: self.registrability,
+            after_alarm: self.after_alarm,
         }
     }
 
@@ -128,6 +133,24 @@ pub struct ViewRegistration {
     pub expected_lambda: f64,
     /// Probability that it ends off by more than the tolerance, as predicted with it.
     pub expected_failure: f64,
+    /// Next views taken until it was merged, where it had to wait.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub waited: usize,
+    /// Whether the view was taken to connect a scan that waits.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub bridge: bool,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+impl ViewRegistration {
+    /// The scan was merged, off by this much.
+    fn merged(&mut self, left_m: f64, tolerance: f64) {
+        (self.left_m, self.failed) = (Some(left_m), left_m > tolerance);
+    }
 }
 
 /// Why a scan was not merged.
@@ -177,6 +200,17 @@ pub(crate) struct Placed {
     points: usize,
     views: Vec<ViewRegistration>,
     next: PointCloud,
+    waiting: Vec<Waiting>,
+}
+
+/// A scan that was left out, and may be merged later.
+struct Waiting {
+    /// Its number in the session, and its next view from 0.
+    number: usize,
+    view: usize,
+    /// Its points as given, and in their true places.
+    given: Vec<Point3<f64>>,
+    truth: PointCloud,
 }
 
 impl Placed {
@@ -204,6 +238,8 @@ impl Placed {
             lambda: found.lambda,
             expected_lambda: expected.lambda,
             expected_failure: expected.failure,
+            waited: 0,
+            bridge: false,
         });
         (!shot.points.is_empty()).then_some(found.share)
     }
@@ -223,16 +259,43 @@ impl Placed {
         let count = registered.len();
         self.merge(registered, grid_size, tolerance);
         if let Some(view) = self.views.last_mut() {
-            let left = ((self.squared - before) / count.max(1) as f64).sqrt();
-            (view.left_m, view.failed) = (Some(left), left > tolerance);
+            view.merged(((self.squared - before) / count.max(1) as f64).sqrt(), tolerance);
         }
     }
 
-    /// The scan that was looked at is left out.
-    pub fn refuse(&mut self, why: &Unsafe) {
+    /// The scan that was looked at is left out; `given` are its points, if it waits, under this number.
+    pub fn refuse(&mut self, why: &Unsafe, waits: Option<(usize, Vec<Point3<f64>>)>) {
         if let Some(view) = self.views.last_mut() {
             view.refused = Some(why.into());
         }
+        let view = self.views.len().saturating_sub(1);
+        let truth = std::mem::take(&mut self.next);
+        self.waiting.extend(waits.map(|(number, given)| Waiting { number, view, given, truth }));
+    }
+
+    /// Merges those that waited and were registered by now, as `correction` of their number says.
+    pub fn take_in(&mut self, correction: impl Fn(usize) -> Option<Isometry3<f64>>, grid_size: f64, tolerance: f64) {
+        for scan in std::mem::take(&mut self.waiting) {
+            let Some(correction) = correction(scan.number) else {
+                self.waiting.push(scan);
+                continue;
+            };
+            let before = self.squared;
+            let registered: Vec<_> = scan.given.iter().map(|p| correction * p).collect();
+            let count = registered.len();
+            self.next = scan.truth;
+            self.merge(registered, grid_size, tolerance);
+            let left = ((self.squared - before) / count.max(1) as f64).sqrt();
+            let waited = self.views.len() - 1 - scan.view;
+            let view = &mut self.views[scan.view];
+            (view.refused, view.waited) = (None, waited);
+            view.merged(left, tolerance);
+        }
+    }
+
+    /// The view that was looked at connects a scan that waits.
+    pub fn bridges(&mut self) {
+        self.views.last_mut().into_iter().for_each(|view| view.bridge = true);
     }
 
     fn merge(&mut self, registered: Vec<Point3<f64>>, grid_size: f64, tolerance: f64) {

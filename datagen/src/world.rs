@@ -95,6 +95,11 @@ impl<'a> World<'a> {
         }
     }
 
+    /// The view that was looked at connects a scan that waits.
+    pub fn bridges(&mut self) {
+        self.placed.iter_mut().for_each(Placed::bridges);
+    }
+
     /// Share of a scan from `view` that was seen before; `None` for an empty one.
     pub fn overlap(&mut self, view: &View, shot: &Shot) -> Option<f64> {
         if let Some(placed) = &mut self.placed {
@@ -186,19 +191,23 @@ impl<'a> World<'a> {
                 points
             }
             Some(_) if empty => points,
-            Some(placed) => match &told {
-                Err(SessionError::Unregistered { why }) => {
-                    placed.refuse(why);
+            Some(placed) => {
+                let found = told.as_ref().ok().and_then(|report| report.as_ref()?.registration.as_ref());
+                let waits = found.and_then(|found| found.refused.as_ref());
+                let lost = match &told {
+                    Err(SessionError::Unregistered { why }) => Some(why),
+                    _ => None,
+                };
+                if let Some(why) = lost.or(waits) {
+                    placed.refuse(why, waits.map(|_| (self.session.num_scans(), points)));
                     return Ok(());
                 }
-                told => {
-                    let found = told.as_ref().ok().and_then(|report| report.as_ref()?.registration.as_ref());
-                    let correction = found.map_or_else(Isometry3::identity, |found| found.correction);
-                    let points: Vec<_> = points.iter().map(|p| correction * p).collect();
-                    placed.add(points.clone(), self.grid_size, self.config.tolerance_m);
-                    points
-                }
-            },
+                let correction = found.map_or_else(Isometry3::identity, |found| found.correction);
+                let points: Vec<_> = points.iter().map(|p| correction * p).collect();
+                placed.add(points.clone(), self.grid_size, self.config.tolerance_m);
+                placed.take_in(|number| self.session.correction(number), self.grid_size, self.config.tolerance_m);
+                points
+            }
         };
         let points = self.above_support(points.into()).into_owned();
         let refused = told.err();

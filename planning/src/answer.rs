@@ -47,6 +47,9 @@ pub struct Candidate {
     /// How well its scan could be registered; absent where that is not asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<Prediction>,
+    /// The scan, from 1, that could not be registered yet and that the scan of this view is to hold; absent where it is for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bridges_to: Option<usize>,
 }
 
 impl Candidate {
@@ -215,7 +218,11 @@ impl Answer {
             p if p < 0.95 => "less than 1 %".to_owned(),
             p => format!("{p:.0} %"),
         };
-        let mut text = match next.expected_gain {
+        let bridges = |scan| {
+            format!("Bridges to scan {scan}, which could not be registered: it sees surface of both it and the cloud. ")
+        };
+        let mut text = next.bridges_to.map_or_else(String::new, bridges);
+        text += &match next.expected_gain {
             Some(gain) => format!("Sees {} of the surface for the first time", percent(gain)),
             None => "Looks beyond the boundary of what was measured".to_owned(),
         };

@@ -9,13 +9,14 @@ mod model;
 mod motion;
 mod prior;
 pub mod registrability;
+pub(crate) mod visible;
 
 use crate::answer::length;
 use geometry::PointCloud;
 use nalgebra::{Isometry3, Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
-pub use config::{About, Icp, Register, Registrability, RegistrationConfig};
+pub use config::{About, AfterAlarm, Icp, Register, Registrability, RegistrationConfig};
 pub use gate::Unsafe;
 pub use information::Information;
 pub use model::Model;

@@ -167,6 +167,9 @@ pub(crate) struct PreparedScan {
     pub doubt: Option<PositionDoubt>,
     /// Whether it was registered onto those before it.
     pub moved: bool,
+    /// Which scan of the session it is, from 1, and the one with which it was merged: a later one if it had to wait.
+    pub number: usize,
+    pub merged_with: usize,
     pub report: ScanReport,
     pub reading: Reading,
 }
@@ -324,6 +327,8 @@ pub(crate) fn prepare(
             measured_spacing,
             doubt,
             moved: false,
+            number: 0,
+            merged_with: 0,
             report,
             reading: Reading::default(),
         },

@@ -1,6 +1,8 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
+mod aside;
 mod bounds;
+mod bridging;
 mod checking;
 mod doubts;
 mod error;
@@ -69,8 +71,10 @@ pub struct Session {
     taught: Arc<[Isometry3<f64>]>,
     /// How far each scan lies off those before it, as far as it was asked.
     offsets: Vec<Option<Offset>>,
-    /// Where scans were taken that could not be registered onto the cloud as it is now.
+    /// Where scans were taken that could not be registered onto the cloud as it is now, and are lost.
     unregistered: Vec<Point3<f64>>,
+    /// Scans that could not be registered yet, and wait.
+    aside: Vec<PreparedScan>,
     truth: Option<Truth>,
     /// What the object stands on, once it is known.
     support: Option<Plane>,
@@ -119,6 +123,7 @@ impl Session {
             taught: Arc::default(),
             offsets: Vec::new(),
             unregistered: Vec::new(),
+            aside: Vec::new(),
             truth,
             support: None,
             reach: None,
@@ -185,39 +190,47 @@ impl Session {
         let (mut prepared, near) = prepare(scan, &self.config, support.as_ref(), budget).map_err(refused)?;
         self.support = support;
         prepared.reading = reading;
-        self.register(&mut prepared)?;
-        self.unregistered.clear();
+        let number = self.num_scans() + 1;
+        (prepared.number, prepared.merged_with) = (number, number);
+        let merges = self.register(&mut prepared)?;
         let report = prepared.report.clone();
+        if !merges {
+            self.ranking = None;
+            self.aside.push(prepared);
+            return Ok(report);
+        }
+        self.unregistered.clear();
         self.scans.push(prepared);
         self.take_in(self.scans.len() - 1);
         if let Some(near) = near.filter(|near| self.scans.len() == 1 && near.len() == self.state.cloud.len()) {
             self.state.near = near.into();
         }
+        self.try_again(number);
         Ok(report)
     }
 
     /// Takes the last scan back; false if there is none.
     pub fn undo(&mut self) -> bool {
-        let had_one = self.scans.pop().is_some();
-        self.support = self.support.filter(|_| !self.scans.is_empty());
-        self.offsets.truncate(self.scans.len());
+        let scans = self.num_scans();
+        self.keep_first(scans.saturating_sub(1));
         self.rebuild();
-        had_one
+        scans > 0
     }
 
     /// Forgets all scans.
     pub fn reset(&mut self) {
         self.support = None;
         self.scans.clear();
+        self.aside.clear();
         self.offsets.clear();
         self.unregistered.clear();
         self.planners.reset();
         self.rebuild();
     }
 
-    /// Number of scans.
+    /// Number of scans that came, with those that wait to be registered.
     pub fn num_scans(&self) -> usize {
-        self.scans.len()
+        self.scans.len() + self.aside.len()
     }
 
     /// The accumulated cloud that is planned on.
@@ -283,7 +296,14 @@ impl Session {
         self.state.budget = budget.clone();
         let ranking = match self.ranking.take() {
             Some(known) => known,
-            None => rank(&mut self.planners, &mut self.state, config, num_scans, choice.planner)?,
+            None => {
+                let mut ranking = rank(&mut self.planners, &mut self.state, config, num_scans, choice.planner)?;
+                let least = ranking.views.iter().map(|(v, _)| v.score).fold(f64::INFINITY, f64::min);
+                let score = if least.is_finite() { least } else { 0.0 };
+                let distance = self.state.working_distance;
+                ranking.views.extend(self.between().into_iter().map(|v| (crate::RankedView { score, ..v }, distance)));
+                ranking
+            }
         };
         let answer = self.answer(&ranking, choice, current, request);
         self.ranking = Some(ranking).filter(|ranking| ranking.complete);
@@ -308,10 +328,12 @@ impl Session {
         let mut candidates: Vec<Candidate> = views.into_iter().map(Considered::candidate).collect();
         let travel = |c: &Candidate| current.map_or(0.0, |from| (c.position_in_cell() - from).norm());
         // Of given views that are equally good the nearer. Stable: equal ones stay in the planner's order.
+        self.mark_bridge(&mut candidates);
         candidates.sort_by(|a, b| {
             let ruled_out = |c: &Candidate| !c.objections.is_empty();
             let nearer = a.given.and(b.given).map_or(std::cmp::Ordering::Equal, |_| travel(a).total_cmp(&travel(b)));
-            ruled_out(a).cmp(&ruled_out(b)).then(b.score.total_cmp(&a.score)).then(nearer)
+            let first = |c: &Candidate| c.bridges_to.is_none();
+            ruled_out(a).cmp(&ruled_out(b)).then(first(a).cmp(&first(b))).then(b.score.total_cmp(&a.score)).then(nearer)
         });
         for (rank, candidate) in candidates.iter_mut().enumerate() {
             candidate.rank = rank;

@@ -158,7 +158,10 @@ pub fn failures(contents: &Contents) -> Vec<FailureRow> {
     for (record, _) in &contents.episodes {
         for (_, i, view) in views_of(record) {
             let Some(left) = view.left_m else { continue };
-            scans.push((record.overlaps.get(i).copied().flatten().unwrap_or(0.0), view, left));
+            // What one that waited overlapped with when it came is not what it was registered by.
+            if view.waited == 0 {
+                scans.push((record.overlaps.get(i).copied().flatten().unwrap_or(0.0), view, left));
+            }
             if view.failed {
                 break;
             }

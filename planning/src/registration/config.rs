@@ -51,6 +51,17 @@ pub enum Registrability {
     Lambda,
 }
 
+/// What follows a scan that could not be registered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AfterAlarm {
+    /// It is lost, and views are ranked as before.
+    #[default]
+    Ignore,
+    /// It is kept aside and tried again after each merged scan, and a view that sees its surface and that of the cloud comes first.
+    Bridge,
+}
+
 /// Settings of the registration of scans onto the cloud. `[registration]` in `configs/infer.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -71,6 +82,8 @@ pub struct RegistrationConfig {
     pub pose_error_about: About,
     /// What candidates are held against.
     pub registrability: Registrability,
+    /// What follows a scan that could not be registered.
+    pub after_alarm: AfterAlarm,
 }
 
 impl Default for RegistrationConfig {
@@ -85,6 +98,7 @@ impl Default for RegistrationConfig {
             pose_error_deg: 0.3,
             pose_error_about: About::Camera,
             registrability: Registrability::Off,
+            after_alarm: AfterAlarm::Ignore,
         }
     }
 }

@@ -1,17 +1,12 @@
 //! What a scan could be registered by, predicted before it is taken: the known surface that a view would see again.
 
+use super::visible::visible;
 use super::{About, Frame, Icp, Information, Motion, PoseError, Registrability, RegistrationConfig};
 use crate::ScanState;
 use geometry::View;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Spacings of the cloud that a cell is wide in which points hide each other: hardly any cell of a seen surface is empty.
-const CELL: f64 = 1.5;
-/// Cells of the table at most.
-const MOST_CELLS: f64 = 4e6;
-/// Cosine between normal and line of sight from which on a point is seen.
-const FACING: f64 = 0.1;
 /// Largest probability of failure that the planner accepts.
 const ACCEPTED: f64 = 0.15;
 
@@ -35,80 +30,13 @@ impl Prediction {
     }
 }
 
-/// The surface of the cloud that a view sees: the nearest point of each cell of an image about as fine as the cloud, if
-/// nothing in the cells beside it hides it. A cell counts its area at the point's depth, square to the line of sight.
+/// The surface of the session's cloud that a view sees.
 pub fn seen_again(state: &ScanState, view: &View, frame: &Frame) -> Information {
-    let (cloud, camera) = (&state.cloud, &state.camera);
     let mut information = Information::default();
-    if !view.is_valid() || !cloud.has_normals() {
-        return information;
-    }
-    let camera_from_world = view.world_from_camera().inverse();
-    let distance = (view.position - view.target).norm();
-    let image = f64::from(camera.width) / camera.fx * f64::from(camera.height) / camera.fy;
-    let width = (CELL * state.grid_size / distance).max((image / MOST_CELLS).sqrt());
-    // Point, cell and depth of what faces the camera in its image.
-    let mut seen: Vec<(u32, [i64; 2], f64)> = Vec::new();
-    let (mut low, mut high) = ([i64::MAX; 2], [i64::MIN; 2]);
-    for (i, (p, n)) in cloud.points.iter().zip(&cloud.normals).enumerate() {
-        let to_camera = view.position - p;
-        if to_camera.dot(n) <= FACING * n.norm() * to_camera.norm() {
-            continue;
-        }
-        let local = camera_from_world * p;
-        if local.z <= 0.0 {
-            continue;
-        }
-        let pixel = camera.project(&local);
-        let inside =
-            (0.0..f64::from(camera.width)).contains(&pixel.x) && (0.0..f64::from(camera.height)).contains(&pixel.y);
-        if inside {
-            let cell = [local.x, local.y].map(|x| (x / local.z / width).floor() as i64);
-            for k in 0..2 {
-                (low[k], high[k]) = (low[k].min(cell[k]), high[k].max(cell[k]));
-            }
-            seen.push((i as u32, cell, local.z));
-        }
-    }
-    if seen.is_empty() {
-        return information;
-    }
-    // One cell more on each side, for the cells beside.
-    let [columns, rows] = [0, 1].map(|k| (high[k] - low[k] + 3) as usize);
-    let index = |cell: &[i64; 2]| (cell[1] - low[1] + 1) as usize * columns + (cell[0] - low[0] + 1) as usize;
-    let mut front = vec![(f64::INFINITY, u32::MAX); columns * rows];
-    for (i, cell, z) in &seen {
-        let nearest = &mut front[index(cell)];
-        if *z < nearest.0 {
-            *nearest = (*z, *i);
-        }
-    }
-    for (i, cell, z) in &seen {
-        let at = index(cell);
-        if front[at].1 != *i {
-            continue;
-        }
-        let beside = [
-            at - columns - 1,
-            at - columns,
-            at - columns + 1,
-            at - 1,
-            at + 1,
-            at + columns - 1,
-            at + columns,
-            at + columns + 1,
-        ];
-        // Surface at this slant comes nearer by so much in a cell or two.
-        let n = &cloud.normals[*i as usize];
-        let to_camera = view.position - cloud.points[*i as usize];
-        let cosine = to_camera.dot(n) / (n.norm() * to_camera.norm());
-        let slack = 2.0 * width * z / cosine;
-        let hiding = beside.iter().filter(|&&b| front[b].0 < z - slack).count();
-        if hiding >= 4 {
-            continue;
-        }
+    for (i, area) in visible(&state.cloud, &state.camera, state.grid_size, view) {
+        let n = &state.cloud.normals[i];
         let n: Vector3<f64> = n / n.norm();
-        information.add(&(cloud.points[*i as usize] - frame.center), &n, (width * z).powi(2), frame.radius);
+        information.add(&(state.cloud.points[i] - frame.center), &n, area, frame.radius);
     }
     information
 }
@@ -120,6 +48,8 @@ pub struct Demand {
     /// Logit of failure at a lambda of 1, and how it falls with the logarithm of lambda.
     fit: [f64; 2],
     overlap: f64,
+    /// Root mean square of how far the robot puts a scan's points off, metres.
+    pub(crate) error_m: f64,
 }
 
 impl Demand {
@@ -145,13 +75,13 @@ impl Demand {
             About::Camera => distance * distance,
             About::Object => 0.0,
         };
-        let error = (3.0 * config.pose_error_m.powi(2) + 2.0 * turn * turn * (frame.radius.powi(2) + lever)).sqrt();
+        let error_m = (3.0 * config.pose_error_m.powi(2) + 2.0 * turn * turn * (frame.radius.powi(2) + lever)).sqrt();
         let [small, large, slope] = Self::FITS[kind];
-        let between = (error / frame.radius / Self::ERRORS[0]).ln() / (Self::ERRORS[1] / Self::ERRORS[0]).ln();
+        let between = (error_m / frame.radius / Self::ERRORS[0]).ln() / (Self::ERRORS[1] / Self::ERRORS[0]).ln();
         let between = between.clamp(-0.5, 1.5);
         let at = |small: f64, large: f64| small + (large - small) * between;
         let [few, many] = Self::OVERLAPS[kind];
-        Self { rule: config.registrability, fit: [at(small, large), slope], overlap: at(few, many) }
+        Self { rule: config.registrability, fit: [at(small, large), slope], overlap: at(few, many), error_m }
     }
 
     /// Probability of failure at this lambda.

@@ -11,7 +11,8 @@ impl Session {
             Seen::Depth { depth, .. } => 4 * depth.depth.len(),
             Seen::Points(points) => 24 * points.len(),
         };
-        let scans = self.scans.iter().map(|s| 48 * s.cloud.len() + s.past.iter().map(seen).sum::<usize>());
+        let scans =
+            self.scans.iter().chain(&self.aside).map(|s| 48 * s.cloud.len() + s.past.iter().map(seen).sum::<usize>());
         let near = self.state.near.get().map_or(0, |near| 8 * near.k() * near.len());
         scans.sum::<usize>() + 48 * self.state.cloud.len() + near + self.planners.memory()
     }
@@ -19,8 +20,7 @@ impl Session {
     /// The first `scans` scans alone, everything else found anew: after a fault in the middle of a request the session
     /// is as it was before.
     pub fn restore(&mut self, scans: usize) {
-        self.scans.truncate(scans);
-        self.support = self.support.filter(|_| scans > 0);
+        self.keep_first(scans);
         self.planners.reset();
         self.rebuild();
     }

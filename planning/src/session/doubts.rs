@@ -25,7 +25,8 @@ impl Session {
     /// A sentence for each doubt.
     pub(super) fn doubts(&self, next: Option<&Candidate>) -> Vec<String> {
         let mut doubts = Vec::new();
-        for (number, scan) in (1..).zip(&self.scans) {
+        for scan in &self.scans {
+            let number = scan.number;
             if let Some(doubt) = &scan.doubt {
                 doubts.push(format!(
                     "the camera position of scan {number} {}; it is ignored, and estimated from the points instead",
@@ -33,7 +34,8 @@ impl Session {
                 ));
             }
         }
-        for (number, offset) in (1..).zip(&self.offsets) {
+        for (scan, offset) in self.scans.iter().zip(&self.offsets) {
+            let number = scan.number;
             if let Some(offset) = offset.filter(|o| o.is_misfit(self.config.tolerance_m)) {
                 doubts.push(format!(
                     "scan {number} lies {} off the scans before it where both should be the same surface (their noise: \

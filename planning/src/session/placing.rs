@@ -36,7 +36,7 @@ pub(super) struct Cell<'a> {
     /// What registration asks of views, with the object's frame; `None` where it asks nothing.
     pub demand: Option<(Demand, Frame)>,
     /// Cameras whose scans could not be registered onto the cloud as it is.
-    pub unregistered: &'a [Point3<f64>],
+    pub unregistered: Vec<Point3<f64>>,
 }
 
 /// A view in the cell.
@@ -93,7 +93,7 @@ impl Session {
             predicts: planner == PlannerName::Volumetric,
             scans: self.scans.len(),
             demand: Demand::on(state, &config.registration),
-            unregistered: &self.unregistered,
+            unregistered: self.unregistered(),
         }
     }
 }
@@ -121,7 +121,7 @@ impl Cell<'_> {
             } else {
                 others.extend(Objection::of_sensor(&self.config.sensor, ranked, self.predicts));
                 let registration = registration.as_ref();
-                others.extend(unregistrable(view, self.unregistered, least, registration, demand));
+                others.extend(unregistrable(view, &self.unregistered, least, registration, demand));
             }
             places[0].objections.extend(others);
             let allowed = |place: &Placed| place.objections.is_empty();
@@ -143,6 +143,7 @@ impl Cell<'_> {
                 objections: Vec::new(),
                 given,
                 registration,
+                bridges_to: None,
             };
             Considered { candidate, pose, places, at: 0, refused: None }
         })

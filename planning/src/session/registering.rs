@@ -17,45 +17,60 @@ const REPEATS: f64 = 0.17;
 const WORTH_TELLING: f64 = 0.5;
 
 impl Session {
-    /// Registers a scan, where that is asked for, and moves it where it is to be moved.
+    /// Registers a scan, where that is asked for, and moves it where it is to be moved. Answers whether it can be merged; else it
+    /// waits.
     ///
     /// # Errors
-    /// It is to be moved, and where to is not sure: its place is remembered until the cloud changes.
-    pub(super) fn register(&mut self, scan: &mut PreparedScan) -> Result<(), SessionError> {
+    /// It is to be moved, where to is not sure, and such scans do not wait: its place is remembered until the cloud changes.
+    pub(super) fn register(&mut self, scan: &mut PreparedScan) -> Result<bool, SessionError> {
+        self.hold_against_cloud(scan);
+        let found = scan.report.registration.as_ref().filter(|_| self.config.registration.register == Register::Refine);
+        match found.and_then(|found| found.refused.clone()) {
+            None => Ok(true),
+            Some(_) if self.keeps_aside() => Ok(false),
+            Some(why) => {
+                self.unregistered.extend(scan.camera_position());
+                Err(SessionError::Unregistered { why })
+            }
+        }
+    }
+
+    /// Registers a scan, where that is asked for, and moves it where that is asked for and safe.
+    pub(super) fn hold_against_cloud(&self, scan: &mut PreparedScan) {
         let config = &self.config.registration;
         if config.register == Register::Off || self.state.cloud.is_empty() || scan.cloud.is_empty() {
-            return Ok(());
+            return;
         }
         let camera = scan.camera_position();
         let model = Model::of(&self.state, config.kind);
         let moving = Moving { cloud: &scan.cloud, footprint_m2: footprint(scan) };
         let found = register(moving, &model, &config.error(camera), config);
-        if config.register == Register::Refine {
-            if let Some(why) = found.refused.clone() {
-                self.unregistered.extend(camera);
-                return Err(SessionError::Unregistered { why });
-            }
+        if config.register == Register::Refine && found.refused.is_none() {
             scan.move_by(&found.correction);
         }
         scan.report.registration = Some(Box::new(found));
-        Ok(())
     }
 
-    /// Cameras whose scans could not be registered onto the cloud as it is.
-    pub fn unregistered(&self) -> &[Point3<f64>] {
-        &self.unregistered
+    /// The view to take of these, best first: a bridge to a scan that waits, or the first that the settings take for registrable; where
+    /// none is, the one that is most. The first where nothing is asked. Whether it is a bridge stands beside it.
+    pub fn first_registrable<'v>(
+        &self,
+        views: impl Iterator<Item = &'v RankedView> + Clone,
+    ) -> Option<(&'v RankedView, bool)> {
+        let unregistered = self.unregistered();
+        let new = || views.clone().filter(|v| !repeats(&v.view, &unregistered));
+        let bridge = self.bridging().and_then(|bridging| bridging.choose(new().map(|v| &v.view)));
+        match bridge.and_then(|(at, _)| new().nth(at)) {
+            Some(bridge) => Some((bridge, true)),
+            None => self.most_registrable(new()).or_else(|| views.clone().next()).map(|v| (v, false)),
+        }
     }
 
-    /// The first of these views, best first, that the settings take for registrable; where none is, the one that is most. The first
-    /// where nothing is asked.
-    pub fn first_registrable<'v>(&self, views: impl Iterator<Item = &'v RankedView> + Clone) -> Option<&'v RankedView> {
-        let new = views.clone().filter(|v| !repeats(&v.view, &self.unregistered));
-        let Some((demand, frame)) = Demand::on(&self.state, &self.config.registration) else {
-            return new.clone().next().or_else(|| views.clone().next());
-        };
+    fn most_registrable<'v>(&self, mut views: impl Iterator<Item = &'v RankedView>) -> Option<&'v RankedView> {
+        let Some((demand, frame)) = Demand::on(&self.state, &self.config.registration) else { return views.next() };
         let usual = overlap::usual_scan(&self.state.cloud, self.scans.len());
         let mut most: Option<(f64, &RankedView)> = None;
-        for ranked in new {
+        for ranked in views {
             let known = || overlap::estimate(&self.state, &ranked.view, usual);
             let least = demand.needs_overlap().then(|| ranked.overlap.unwrap_or_else(known));
             let least = least.map(|o| o - overlap::margin(self.scans.len()));
@@ -68,14 +83,14 @@ impl Session {
                 most = Some((value, ranked));
             }
         }
-        most.map(|(_, ranked)| ranked).or_else(|| views.clone().next())
+        most.map(|(_, ranked)| ranked)
     }
 
     /// What registering the scans found.
     pub(super) fn registrations(&self) -> Vec<ScanRegistration> {
-        let found = (1..).zip(&self.scans).filter_map(|(number, scan)| {
+        let found = self.scans.iter().filter_map(|scan| {
             let found = Registered::clone(scan.report.registration.as_ref()?);
-            Some(ScanRegistration { scan: number, moved: scan.moved, found })
+            Some(ScanRegistration { scan: scan.number, moved: scan.moved, found })
         });
         found.collect()
     }
@@ -129,6 +144,16 @@ pub fn repeats(view: &View, unregistered: &[Point3<f64>]) -> bool {
 }
 
 impl PreparedScan {
+    /// As it came, before it was moved onto the cloud.
+    pub(super) fn unmoved(mut self) -> Self {
+        if let Some(found) = self.report.registration.as_ref().filter(|_| self.moved) {
+            let back = found.correction.inverse();
+            self.move_by(&back);
+            self.moved = false;
+        }
+        self
+    }
+
     fn move_by(&mut self, motion: &Isometry3<f64>) {
         self.moved = true;
         self.cloud = self.cloud.transformed(motion);

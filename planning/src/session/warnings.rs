@@ -21,6 +21,7 @@ impl Session {
         let mut warnings = self.notes();
         warnings.extend(self.doubts(next));
         warnings.extend(self.unfit());
+        warnings.extend(self.waiting());
         let reports = || self.scans.iter().map(|s| &s.report);
         let total = |count: fn(&ScanReport) -> usize| reports().map(count).sum::<usize>();
         let (read, used, thinned) = (total(|r| r.read), total(|r| r.used), total(|r| r.thinned));
@@ -142,7 +143,7 @@ impl Session {
 
     /// What there is to say of the files that the scans were.
     fn notes(&self) -> Vec<String> {
-        let all = self.scans.iter().zip(1..).flat_map(|(s, i)| s.reading.notes.iter().map(move |note| (i, note)));
+        let all = self.scans.iter().flat_map(|s| s.reading.notes.iter().map(move |note| (s.number, note)));
         let numbered = |(i, note): (usize, &String)| match self.scans.len() {
             1 => note.clone(),
             _ => format!("scan {i}: {note}"),

@@ -14,6 +14,8 @@ fn view(left_mm: Option<f64>, lambda: f64) -> ViewRegistration {
         lambda,
         expected_lambda: lambda + 1.0,
         expected_failure: 0.1,
+        waited: 0,
+        bridge: false,
     }
 }
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::registration::{Registrability, RegistrationConfig};
+use crate::registration::{AfterAlarm, Registrability, RegistrationConfig};
 use crate::{Scan, SessionConfig};
 use geometry::PointCloud;
 use nalgebra::{Translation3, UnitQuaternion};
@@ -123,4 +123,77 @@ fn a_view_that_sees_too_little_again_is_ruled_out_with_the_motion_that_stays_fre
     });
     let next = session.next_view().expect("an answer").next.expect("a corner registers");
     assert!(next.registration.expect("predicted").failure < 0.15);
+}
+
+/// Hills from `from` to `to` along x.
+fn hills(from: f64, to: f64) -> PointCloud {
+    let along = |i: u32| from + 0.002 * f64::from(i);
+    let count = ((to - from) / 0.002) as u32;
+    let height = |x: f64, y: f64| 0.012 * (70.0 * x).sin() * (60.0 * y).cos();
+    let points = (0..count).flat_map(|i| (0..40).map(move |j| (along(i), 0.002 * f64::from(j))));
+    let points = points.map(|(x, y)| Point3::new(x, y, height(x, y))).collect();
+    PointCloud { points, normals: Vec::new() }
+}
+
+/// A scan of hills from above their middle, as `off` puts it.
+fn scan_of_hills(from: f64, to: f64, off: Isometry3<f64>) -> Scan {
+    let from_above = Point3::new(0.5 * (from + to), 0.04, 1.2);
+    Scan::Cloud { cloud: hills(from, to).transformed(&off), from: Some(off * from_above) }
+}
+
+/// Two scans with a gap between them, the second of them off.
+fn with_a_gap(after_alarm: AfterAlarm) -> (Session, Result<crate::ScanReport, SessionError>) {
+    let registration = RegistrationConfig { register: Register::Refine, after_alarm, ..Default::default() };
+    let mut session = Session::new(SessionConfig { registration, ..Default::default() }, None).expect("settings");
+    session.add_scan(scan_of_hills(0.0, 0.12, Isometry3::identity())).expect("the first scan");
+    let second = session.add_scan(scan_of_hills(0.16, 0.28, off()));
+    (session, second)
+}
+
+#[test]
+fn a_scan_that_cannot_be_registered_waits_and_is_merged_with_the_one_that_closes_the_gap() {
+    let (mut session, second) = with_a_gap(AfterAlarm::Bridge);
+    assert!(second.expect("kept").registration.expect("tried").refused.is_some());
+    assert_eq!((session.num_scans(), session.scans.len(), session.correction(2)), (2, 1, None));
+    let waiting = session.next_view().expect("a view").warnings;
+    assert!(waiting.iter().any(|w| w.contains("scan 2 is kept aside")), "{waiting:?}");
+    session.add_scan(scan_of_hills(0.05, 0.24, Isometry3::identity())).expect("it overlaps both");
+    let moved = session.correction(2).expect("merged") * off();
+    assert!(moved.translation.vector.norm() < 1e-3 && moved.rotation.angle() < 2e-3, "{moved:?}");
+    let cloud = session.cloud().clone();
+    assert!(cloud.bounding_box().1.x > 0.27, "its surface is in the cloud");
+    let told = session.next_view().expect("a view").registrations;
+    assert_eq!(told.iter().map(|r| r.scan).collect::<Vec<_>>(), [3, 2], "in the order in which they were merged");
+
+    assert!(session.undo());
+    assert_eq!((session.num_scans(), session.scans.len(), session.correction(2)), (2, 1, None), "it waits again");
+    session.add_scan(scan_of_hills(0.05, 0.24, Isometry3::identity())).expect("it overlaps both");
+    let farthest = cloud.points.iter().zip(&session.cloud().points).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+    assert!(farthest < 1e-9 && cloud.len() == session.cloud().len(), "as before: {farthest}");
+    session.restore(1);
+    assert_eq!((session.num_scans(), session.aside.len()), (1, 0));
+}
+
+#[test]
+fn after_an_alarm_the_view_that_sees_both_sides_of_the_gap_comes_first_and_says_so() {
+    let (mut session, _) = with_a_gap(AfterAlarm::Bridge);
+    let answer = session.next_view().expect("a view");
+    let next = answer.next.as_ref().expect("one is allowed");
+    assert_eq!(next.bridges_to, Some(2));
+    assert!(answer.reason().starts_with("Bridges to scan 2"), "{}", answer.reason());
+    let view = View { target: next.target_m.into(), position: next.position_m.into() };
+    let frame = crate::registration::Frame::around(&[session.cloud()]);
+    let demand = Demand::new(&session.config().registration, &frame, session.state().working_distance);
+    assert!(demand.predict(session.state(), &view, &frame).failure <= 0.05, "its own scan is safe");
+    let best = answer.candidates.iter().filter(|c| c.objections.is_empty()).map(|c| c.score).fold(f64::MIN, f64::max);
+    assert!(next.score <= best, "whatever its score");
+}
+
+#[test]
+fn ignoring_an_alarm_loses_the_scan() {
+    let (mut session, second) = with_a_gap(AfterAlarm::Ignore);
+    second.expect_err("refused");
+    assert_eq!(session.num_scans(), 1);
+    let answer = session.next_view().expect("a view");
+    assert!(answer.candidates.iter().all(|c| c.bridges_to.is_none()));
 }
