@@ -31,6 +31,18 @@ pub enum DeviceError {
         /// What is likely missing.
         driver: &'static str,
     },
+    /// It computes, but not in this precision.
+    #[error(
+        "device `{device}` cannot train in {precision}: {reason}; use `--set precision=f32`, which every device can"
+    )]
+    Precision {
+        /// The device.
+        device: String,
+        /// What it cannot do.
+        precision: &'static str,
+        /// Why not.
+        reason: String,
+    },
     /// The CPU is asked for, but burn would start a GPU all the same.
     #[error(
         "{of}: burn reads a run's moments by way of that device, whatever --device says; set BURN_DEVICE=flex in the environment"
@@ -118,14 +130,18 @@ mod gpu {
     #[cfg(feature = "wgpu")]
     pub fn wgpu() -> Result<Device, DeviceError> {
         use burn::tensor::DeviceKind;
+        use burn::tensor::wgpu::wgpu::Backend;
         // The runtime can be set up once per process.
         static OPENED: OnceLock<Result<Device, DeviceError>> = OnceLock::new();
         let fail = |reason| DeviceError::NoDriver { name: "wgpu", reason, driver: DRIVER };
         OPENED
             .get_or_init(|| {
                 // A machine without a GPU may still have a software driver, which only `Cpu` selects.
-                let device = Device::wgpu_options().device_kind(DeviceKind::DefaultDevice).init();
-                let device = device.map_err(|e| fail(e.to_string()))?;
+                let opened = Device::wgpu_options().device_kind(DeviceKind::DefaultDevice).init_with_setup();
+                let (device, setup) = opened.map_err(|e| fail(e.to_string()))?;
+                if setup.backend == Backend::Gl {
+                    return Err(fail(format!("`{}` is reached through OpenGL only", setup.adapter.get_info().name)));
+                }
                 probe(&device).map_err(fail)?;
                 Ok(device)
             })

@@ -2,18 +2,36 @@
 //! results of fused and of autotuned kernels, and a run that learns from wrong gradients looks like one that learns badly.
 
 use crate::TrainError;
+use crate::config::TrainConfig;
 use crate::task::Task;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::store::ModuleRecord;
 use burn::tensor::{Device, Tensor};
+use model::Precision;
+use model::precision::within;
 use model::published::Network;
 
-/// How far losses may be apart, as a share.
-const LOSS: f64 = 1e-3;
-/// How far gradients may be apart, as a share of their length. Where a maximum over points or a ReLU hangs on the last bits,
-/// a device picks another point and its gradient with it: some thousandths, in sound runs.
-const GRADIENT: f64 = 0.05;
+/// How far a device may be from the CPU, as shares.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Of the loss.
+    pub loss: f64,
+    /// Of the gradient's length. Where a maximum over points or a ReLU hangs on the last bits, a device picks another point and
+    /// its gradient with it: some thousandths in f32, in sound runs.
+    pub gradient: f64,
+}
+
+impl Bounds {
+    /// For products in this precision; the CPU's are in f32.
+    pub fn of(precision: Precision) -> Self {
+        match precision {
+            Precision::F32 => Self { loss: 1e-3, gradient: 0.05 },
+            Precision::Tf32 => Self { loss: 5e-3, gradient: 0.1 },
+            Precision::Bf16 => Self { loss: 0.03, gradient: 0.3 },
+        }
+    }
+}
 
 /// Loss and gradient of a batch.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,7 +49,7 @@ pub struct Found {
 /// They do not agree.
 pub fn check<T: Task>(
     task: &T,
-    name: &str,
+    config: &TrainConfig,
     device: &Device,
     net: &T::Net,
     batch: &T::Batch,
@@ -40,7 +58,8 @@ pub fn check<T: Task>(
         return Ok(None);
     }
     let on = |device: &Device| first_step(task, device, net.clone().into_record(), batch);
-    compare(name, &on(&Device::flex())?, &on(device)?).map(Some)
+    let found = within(config.precision, || on(device))?;
+    compare(&config.device, &on(&Device::flex())?, &found, Bounds::of(config.precision)).map(Some)
 }
 
 /// Loss and gradient of a batch under these weights.
@@ -79,7 +98,7 @@ fn flat<M: Module>(net: &M, gradients: &GradientsParams) -> Vec<f32> {
 ///
 /// # Errors
 /// It does not.
-pub fn compare(name: &str, cpu: &Found, device: &Found) -> Result<String, TrainError> {
+pub fn compare(name: &str, cpu: &Found, device: &Found, bounds: Bounds) -> Result<String, TrainError> {
     let length = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
     let pairs = cpu.gradient.iter().zip(&device.gradient).map(|(a, b)| f64::from(a - b));
     let apart = length(&mut { pairs }) / length(&mut cpu.gradient.iter().map(|x| f64::from(*x))).max(f64::MIN_POSITIVE);
@@ -93,8 +112,9 @@ pub fn compare(name: &str, cpu: &Found, device: &Found) -> Result<String, TrainE
     let same_form = cpu.gradient.len() == device.gradient.len();
     // A first batch that overflows does so anywhere, and the guard of every step will say so.
     let overflow = !cpu.loss.is_finite() || cpu.gradient.iter().any(|x| !x.is_finite());
-    if same_form && (overflow || (loss_apart <= LOSS && apart <= GRADIENT)) {
+    if same_form && (overflow || (loss_apart <= bounds.loss && apart <= bounds.gradient)) {
         return Ok(found);
     }
-    Err(TrainError::Disagrees { device: name.to_owned(), found, loss: 100.0 * LOSS, gradient: 100.0 * GRADIENT })
+    let Bounds { loss, gradient } = bounds;
+    Err(TrainError::Disagrees { device: name.to_owned(), found, loss: 100.0 * loss, gradient: 100.0 * gradient })
 }

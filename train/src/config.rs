@@ -3,8 +3,8 @@
 use crate::TrainError;
 use crate::augment::AugmentConfig;
 use crate::schedule::ScheduleConfig;
-use model::BenbvNetConfig;
 use model::encode::{EncodeConfig, Fill, Normalisation, Orientation};
+use model::{BenbvNetConfig, Precision};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
@@ -26,6 +26,8 @@ pub struct TrainConfig {
     pub accumulation: usize,
     /// `cpu`, or a GPU backend that was compiled in.
     pub device: String,
+    /// Precision of the products of the shared MLP; anything but f32 takes a GPU that has it.
+    pub precision: Precision,
     /// Which network.
     pub kind: NetworkKind,
     /// Sizes of BENBV-Net.
@@ -61,6 +63,7 @@ impl Default for TrainConfig {
             batch: 128,
             accumulation: 1,
             device: "cpu".into(),
+            precision: Precision::default(),
             kind: NetworkKind::default(),
             network: BenbvNetConfig::default(),
             input: InputConfig::default(),

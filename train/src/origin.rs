@@ -22,7 +22,10 @@ pub fn decisive_settings(config: &TrainConfig) -> Result<String, TrainError> {
         loader: other.loader,
         ..config.clone()
     };
-    Ok(formats::config::hash(&decisive).map_err(formats::run::RunError::from)?)
+    let text = formats::config::to_toml(&decisive).map_err(formats::run::RunError::from)?;
+    // As it was hashed before there was this setting, so that runs from then go on.
+    let lines: String = text.split_inclusive('\n').filter(|line| !line.starts_with("precision = ")).collect();
+    Ok(formats::config::digest(lines.as_bytes()))
 }
 
 /// Where the run in `dir` stands, which is to resume with this task and these settings.
@@ -41,7 +44,7 @@ fn check_origin(state: &TrainingState, settings: &str, data: &str, latest: &Path
     if state.settings != settings {
         return refuse(
             "it was made with different settings; resume with --resume, which uses those of the run (only \
-             epochs, device, episodes, checkpoint and loader may change), or start a new run in another --out"
+             epochs, device, precision, episodes, checkpoint and loader may change), or start a new run in another --out"
                 .into(),
         );
     }

@@ -130,7 +130,7 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
         );
     }
     common.start_threads()?;
-    model::device::open(&config.device)?;
+    crate::trainer::open_device(&config)?;
     let data = open_data(&mut config)?;
     // Nothing is written before all that can be wrong with a start is known.
     let _lock = try_lock(&dir, LOCK, "train")?;

@@ -12,6 +12,7 @@ use crate::task::Task;
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Tensor};
 use geometry::rng::stream;
+use model::precision::within;
 use model::published::Network;
 use rand::Rng;
 
@@ -212,7 +213,7 @@ fn differentiate<T: Task>(
     let mut accumulator = GradientsAccumulator::new();
     let mut gradients = GradientsParams::new();
     for (part, share) in &work.parts {
-        let loss = task.loss(net, part, device) * *share; // [1]
+        let loss = within(config.precision, || task.loss(net, part, device)) * *share; // [1]
         if !go_on(&loss) {
             break;
         }

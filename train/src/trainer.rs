@@ -48,6 +48,16 @@ pub struct Outcome {
     pub epochs: Vec<EpochRecord>,
 }
 
+/// The device of these settings.
+///
+/// # Errors
+/// It cannot be had, or not in the precision that is asked for.
+pub fn open_device(config: &TrainConfig) -> Result<Device, TrainError> {
+    let device = model::device::open(&config.device)?;
+    config.precision.check(&config.device, &device)?;
+    Ok(device)
+}
+
 /// Trains a network until its epochs are done, it no longer gets better (`validation.patience`), or it is stopped.
 ///
 /// # Errors
@@ -56,7 +66,7 @@ pub struct Outcome {
 /// was saved before stays.
 pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outcome, TrainError> {
     config.validate()?;
-    let device = model::device::open(&config.device)?;
+    let device = open_device(config)?;
     let steps_per_epoch = task.visits().div_ceil(config.batch);
     if steps_per_epoch == 0 {
         return Err(TrainError::NoData { searched: format!("{} has no training samples", task.data_name()) });
@@ -86,7 +96,8 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
         // A run that was cut between its last step and its validation has no step left in its epoch.
         let step = plan.get(state.step_in_epoch).unwrap_or(&plan[0]);
         let batch = task.batch(state.epoch, &step[0])?;
-        if let Some(text) = agreement::check(task, &config.device, &device, &learner.net, &batch)? {
+        let agrees = || agreement::check(task, config, &device, &learner.net, &batch);
+        if let Some(text) = attempt(config, &latest, agrees)?? {
             watch.message(state.step, text)?;
         }
     }
@@ -99,7 +110,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
         };
         let train_seconds = began.elapsed().as_secs_f64();
         let net = learner.evaluated();
-        let validation = task.validate(&net, &device)?;
+        let validation = attempt(config, &latest, || task.validate(&net, &device))??;
         schedule.observe(validation.loss);
         let regret = validation.ranking.relative_regret();
         let best = state.best.observe(if validation.loss.is_finite() { regret } else { f64::NAN }, state.epoch);

@@ -120,3 +120,35 @@ fn a_bad_step_on_the_device_leaves_everything_as_it_was() {
     // Two steps of Adam at 1e-3; a third would have moved each weight by as much again.
     assert!(worst(&bad.0, &good.0) < 1e-4 && worst(&bad.1, &good.1) < 1e-4);
 }
+
+#[test]
+fn kill_9_on_a_gpu_loses_no_checkpoint() {
+    let _turn = one_at_a_time();
+    if on("wgpu", &tiny_config()).is_some() {
+        assert_eq!(common::kill::again_and_again("wgpu", 3, 1e-4), 3);
+    }
+}
+
+/// What cannot be done is an error that says what can be, before anything is written.
+#[test]
+fn a_device_or_precision_that_cannot_be_had_is_refused_at_the_start() {
+    let _turn = one_at_a_time();
+    let tmp = tempfile::tempdir().expect("temp dir");
+    if on("wgpu", &tiny_config()).is_none() {
+        return;
+    }
+    let say = |driver: Option<&str>, set: &str| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_train"));
+        command.current_dir(tmp.path()).args(["--device", "wgpu", "--data", ".", "--set", set]);
+        driver.map(|driver| command.env("VK_DRIVER_FILES", driver).env("VK_ICD_FILENAMES", driver));
+        let out = command.output().expect("it starts");
+        let text = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(!out.status.success() && !text.contains("panicked"), "{text}");
+        text
+    };
+    assert!(say(None, "precision=\"tf32\"").contains("`wgpu` cannot train in tf32"));
+    // Without a Vulkan driver there is OpenGL on some machines, and nothing on others.
+    let text = say(Some("/nonexistent"), "precision=\"f32\"");
+    assert!(text.contains("device `wgpu` does not start") && text.contains("install a Vulkan"), "{text}");
+    println!("{text}");
+}

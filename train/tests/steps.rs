@@ -8,8 +8,9 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use common::{all_numbers, one_at_a_time, sample, tiny_config, write_set};
 use formats::Split;
+use model::Precision;
 use model::encode::Normalisation;
-use train::agreement::{check, compare, first_step};
+use train::agreement::{Bounds, check, compare, first_step};
 use train::augment::AugmentConfig;
 use train::config::TrainConfig;
 use train::step::{Group, Step, Work};
@@ -115,14 +116,15 @@ fn a_device_that_computes_wrongly_is_found_out() {
     let (task, cpu) = (BenbvTask::new(&config, &data), Device::flex());
     let batch = task.batch(0, &[0, 1, 2, 3]).expect("data");
     let net = learner::fresh(&task, &config, &cpu).expect("a network").net;
-    let text = check(&task, "cpu", &cpu, &net, &batch).expect("the same device").expect("usable samples");
+    let text = check(&task, &config, &cpu, &net, &batch).expect("the same device").expect("usable samples");
     assert!(text.contains("gradients 0.00 % apart"), "{text}");
 
     let of = |weights| first_step(&task, &cpu, weights, &batch).expect("a step");
     let (sound, broken) = (of(net.clone().into_record()), of(net.map(&mut Off).into_record()));
-    let text = compare("gpu", &sound, &broken).expect_err("2 % off in every weight").to_string();
+    let text =
+        compare("gpu", &sound, &broken, Bounds::of(Precision::F32)).expect_err("2 % off in every weight").to_string();
     assert!(text.contains("device `gpu` gives wrong results") && text.contains("--device cpu"), "{text}");
     let mut dead = sound.clone();
     dead.gradient.fill(f32::NAN);
-    assert!(compare("gpu", &sound, &dead).is_err(), "not a number is not close");
+    assert!(compare("gpu", &sound, &dead, Bounds::of(Precision::F32)).is_err(), "not a number is not close");
 }

@@ -10,6 +10,7 @@ mod forward;
 
 use super::{MOST_LAYERS, PARAMETERS};
 use crate::blocks::{self, LinearBn};
+use crate::precision;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::NoCheckpointing};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, NodeGuard, Ops, OpsKind};
@@ -46,7 +47,7 @@ where
         let weight = Tensor::from_primitive::<B>(weight.0);
         parameters.push(Layer { weight, gamma: row(gamma.0), beta: row(beta.0), epsilon: bn.epsilon });
     }
-    let saved = forward::train(&parameters, points, in_slice(layers, n, slice_bytes));
+    let saved = forward::train(&parameters, points, in_slice(layers, n, slice_bytes), precision::current());
     for ((linear, bn), norm) in layers.iter().zip(&saved.norms) {
         let vector = |row: &Tensor<2>| row.clone().squeeze_dim::<1>(0);
         // The bias was left out of the products: it shifts the mean and nothing else.

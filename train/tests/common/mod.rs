@@ -1,6 +1,8 @@
 //! Synthetic data sets with a rule that a small network can learn.
 #![allow(dead_code, missing_docs)]
 
+pub mod kill;
+
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 use formats::{CloudPrecision, Manifest, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardWriter, Split};

@@ -77,6 +77,7 @@ fn last_layer(layer: &Layer, saved: &Saved, gradient: Tensor<2>, rows: usize) ->
     let mixing = weighted.clone().matmul(transposed.clone()); // [K, K]
     let constant = saved.input_mean.clone().matmul(mixing.clone()) - back.s_m1.clone().matmul(transposed.clone()); // [1, K]
     let below = saved.hidden.len().checked_sub(1);
+    let precision = saved.precision_of(saved.hidden.len());
     let mut weight: Option<Tensor<2>> = None; // S transposed, [C, K]
     let mut gram: Option<Tensor<2>> = None; // [K, K]
     let mut flow = Sums::default();
@@ -90,9 +91,9 @@ fn last_layer(layer: &Layer, saved: &Saved, gradient: Tensor<2>, rows: usize) ->
         let of_winners = a.clone().select(0, at.clone()) * s_dy.clone(); // [samples * C, K]
         add(&mut weight, of_winners.reshape([size, c, k]).sum_dim(0).reshape([c, k]));
         let centred = a.clone() - saved.input_mean.clone();
-        add(&mut gram, centred.clone().transpose().matmul(centred));
+        add(&mut gram, precision.product(centred.clone().transpose(), centred));
         let Some(below) = below else { continue };
-        let da = constant.clone() - a.clone().matmul(mixing.clone()); // [rows, K]
+        let da = constant.clone() - precision.product(a.clone(), mixing.clone()); // [rows, K]
         let to_winners = transposed.clone().unsqueeze::<3>().expand([size, c, k]).reshape([size * c, k]) * s_dy;
         let at = at.reshape([size * c, 1]).expand([size * c, k]);
         let da = da.scatter(0, at, to_winners, IndexingUpdateOp::Add);
@@ -153,14 +154,15 @@ fn hidden_layer(
     // dh = s (dy - m1 - xhat m2) = s dy - p - d h.
     let p = back.s_m1.clone() - back.d.clone() * norm.mean.clone();
     let transposed = layer.weight.clone().transpose();
+    let precision = saved.precision_of(index);
     let mut weight: Option<Tensor<2>> = None;
     let mut below = Sums::default();
     for (slice, (dy, h)) in flow.dy.into_iter().zip(h).enumerate() {
         let dh = dy * back.s.clone() - p.clone() - h * back.d.clone(); // [rows, C]
         let a = saved.input(index, slice); // [rows, K]
-        add(&mut weight, a.clone().transpose().matmul(dh.clone()));
+        add(&mut weight, precision.product(a.clone().transpose(), dh.clone()));
         if let Some(before) = index.checked_sub(1) {
-            let da = dh.matmul(transposed.clone()); // [rows, K]
+            let da = precision.product(dh, transposed.clone()); // [rows, K]
             below.push(da, a, saved.hidden[before][slice].clone(), &saved.norms[before]);
         }
     }

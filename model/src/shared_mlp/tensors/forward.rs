@@ -1,5 +1,6 @@
 //! The forward pass in slices.
 
+use crate::precision::Precision;
 use burn::tensor::activation::relu;
 use burn::tensor::{Int, Tensor};
 
@@ -36,6 +37,8 @@ pub struct Normalised {
 pub struct Saved {
     /// Points per sample.
     pub n: usize,
+    /// Of the products.
+    pub precision: Precision,
     /// The input, per slice: [rows, 3].
     pub points: Vec<Tensor<2>>,
     /// Products of the layers before the last, before batch norm; per layer and slice: [rows, C].
@@ -53,10 +56,20 @@ pub struct Saved {
 }
 
 impl Saved {
+    /// Precision of the products with the input of layer `index`.
+    pub fn precision_of(&self, index: usize) -> Precision {
+        precision_of(self.precision, index)
+    }
+
     /// Input of layer `index` in a slice, and what it was before batch norm and ReLU.
     pub fn input(&self, index: usize, slice: usize) -> Tensor<2> {
         input(&self.points, &self.hidden, &self.norms, index, slice)
     }
+}
+
+/// Coordinates are never rounded.
+fn precision_of(precision: Precision, index: usize) -> Precision {
+    if index == 0 { Precision::F32 } else { precision }
 }
 
 fn input(
@@ -123,7 +136,7 @@ fn weighted_mean(means: &[Tensor<2>], rows: &[f64]) -> Tensor<2> {
 }
 
 /// Training, `in_slice` samples at a time: batch statistics over all rows of `points`, [B, N, 3].
-pub fn train(layers: &[Layer], points: &Tensor<3>, in_slice: usize) -> Saved {
+pub fn train(layers: &[Layer], points: &Tensor<3>, in_slice: usize, precision: Precision) -> Saved {
     let [samples, n, columns] = points.dims();
     let sizes: Vec<usize> = (0..samples).step_by(in_slice).map(|start| in_slice.min(samples - start)).collect();
     let slices: Vec<Tensor<2>> = sizes
@@ -138,7 +151,7 @@ pub fn train(layers: &[Layer], points: &Tensor<3>, in_slice: usize) -> Saved {
         let mut products = Vec::with_capacity(slices.len());
         for slice in 0..slices.len() {
             let a = input(&slices, &hidden, &norms, index, slice);
-            let product = a.clone().matmul(layer.weight.clone()); // [rows, C]
+            let product = precision_of(precision, index).product(a.clone(), layer.weight.clone()); // [rows, C]
             moments.add(&product, a.mean_dim(0).matmul(layer.weight.clone()));
             products.push(product);
         }
@@ -151,7 +164,8 @@ pub fn train(layers: &[Layer], points: &Tensor<3>, in_slice: usize) -> Saved {
     let (mut best, mut winner, mut input_means) = (Vec::new(), Vec::new(), Vec::new());
     for (slice, size) in sizes.iter().enumerate() {
         let a = input(&slices, &hidden, &norms, layers.len() - 1, slice);
-        let product = a.clone().matmul(last.weight.clone()); // [rows, C], gone with the slice
+        // [rows, C], gone with the slice
+        let product = precision_of(precision, before.len()).product(a.clone(), last.weight.clone());
         let mean = a.mean_dim(0); // [1, K]
         moments.add(&product, mean.clone().matmul(last.weight.clone()));
         input_means.push(mean);
@@ -164,5 +178,5 @@ pub fn train(layers: &[Layer], points: &Tensor<3>, in_slice: usize) -> Saved {
     let best = Tensor::cat(best, 0); // [B, C]
     let out = relu(best.clone() * sign * norm.scale.clone() + norm.shift.clone());
     norms.push(norm);
-    Saved { n, points: slices, hidden, norms, best, winner, input_mean, out }
+    Saved { n, precision, points: slices, hidden, norms, best, winner, input_mean, out }
 }
