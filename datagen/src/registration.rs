@@ -4,7 +4,7 @@ use crate::pose_error::disturbance;
 use crate::world::Shot;
 use formats::config::SettingError;
 use geometry::rng::stream;
-use geometry::{PointCloud, View, estimate_normals, orient_normals_toward};
+use geometry::{Neighborhoods, PointCloud, View, estimate_normals, orient_normals_toward};
 use nalgebra::{Isometry3, Point3};
 use planning::accumulate::averaged;
 use planning::registration::registrability::Demand;
@@ -220,7 +220,10 @@ impl Placed {
         let frame = Frame::around(&[&state.cloud]);
         let expected = Demand::new(config, &frame, state.working_distance).predict(state, view, &frame);
         let points = shot.true_points();
-        self.next = PointCloud { normals: estimate_normals(&points, NORMAL_NEIGHBORS), points };
+        self.next = PointCloud {
+            normals: estimate_normals(&points, &Neighborhoods::of(&points, NORMAL_NEIGHBORS), NORMAL_NEIGHBORS),
+            points,
+        };
         let camera = Point3::from(shot.actual.translation.vector);
         orient_normals_toward(&mut self.next, &camera);
         let depth = (camera - frame.center).norm();
@@ -247,7 +250,10 @@ impl Placed {
     /// The first scan: in its true place.
     pub fn begin(&mut self, points: Vec<Point3<f64>>, camera: &Point3<f64>, grid_size: f64) {
         *self = Self::default();
-        self.next = PointCloud { normals: estimate_normals(&points, NORMAL_NEIGHBORS), points };
+        self.next = PointCloud {
+            normals: estimate_normals(&points, &Neighborhoods::of(&points, NORMAL_NEIGHBORS), NORMAL_NEIGHBORS),
+            points,
+        };
         orient_normals_toward(&mut self.next, camera);
         let points = self.next.points.clone();
         self.merge(points, grid_size, f64::INFINITY);

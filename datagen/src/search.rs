@@ -9,7 +9,7 @@ use geometry::{NeighborGrid, PinholeCamera, PointCloud, View, ViewScore, score_v
 use nalgebra::Point3;
 use planning::Accumulate;
 use planning::accumulate::reference_surface;
-use planning::candidates::candidate_views_among;
+use planning::candidates::candidate_views;
 use planning::planner::checked;
 use planning::{CandidateConfig, CandidateView, PlanError, Planner, RankedView, ScanState};
 use rand_chacha::ChaCha8Rng;
@@ -95,12 +95,11 @@ impl Planner for SearchPlanner<'_> {
             self.grid_size = state.grid_size;
         }
         let candidates = &self.config.candidates;
-        let grid = NeighborGrid::new(&state.cloud.points, 2.0 * state.grid_size);
+        let grid = state.grid();
         let neighborhoods = self.neighborhoods.update(&grid, &state.cloud.points, candidates.boundary.neighbors);
-        let candidates = candidate_views_among(&state.cloud, neighborhoods, state.working_distance, candidates, rng);
+        let candidates = candidate_views(&state.cloud, neighborhoods, state.working_distance, candidates, rng);
         let views: Vec<View> = candidates.iter().map(|c| c.view).collect();
-        let (current_coverage, scores) =
-            score_views_among(self.scene, &self.reference, state, &grid, &views, &self.config);
+        let (current_coverage, scores) = score_views(self.scene, &self.reference, state, &grid, &views, &self.config);
         self.last = ScoredViews { candidates, scores, current_coverage };
         checked("benbv", self.last.ranked(), PlanError::NoBoundary)
     }
@@ -135,24 +134,13 @@ const UNSHIFTED: [[f64; 2]; 1] = [[0.0, 0.0]];
 /// A quarter pixel each way.
 const SHIFTED: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]];
 
-/// Coverage before the scan, and what each view would bring. `reference` is the voxel-averaged surface.
+/// Coverage before the scan, and what each view would bring. `reference` is the voxel-averaged surface, `grid` that of the
+/// state's cloud.
 ///
 /// With [`Accumulate::Averaged`] the coverage after a view is that of the cloud and the raw scan together, which is
 /// 0.1 to 0.2 points above that of the voxel-averaged cloud; with [`Accumulate::Matched`] the scan is merged and
 /// averaged for every view, as published.
 pub fn score_views(
-    scene: &Scene,
-    reference: &[Point3<f64>],
-    state: &ScanState,
-    views: &[View],
-    config: &SearchConfig,
-) -> (f64, Vec<ViewScore>) {
-    let grid = NeighborGrid::new(&state.cloud.points, 2.0 * state.grid_size);
-    score_views_among(scene, reference, state, &grid, views, config)
-}
-
-/// [`score_views`] where the grid of the cloud is already there.
-fn score_views_among(
     scene: &Scene,
     reference: &[Point3<f64>],
     state: &ScanState,

@@ -2,7 +2,7 @@
 //! (tests/reference/registration.py), from the same clouds.
 
 use datagen::{RenderConfig, RenderScratch, Scene, procedural};
-use geometry::{PointCloud, View, estimate_normals, mean_spacing, orient_normals_toward, rng};
+use geometry::{Neighborhoods, PointCloud, View, estimate_normals, mean_spacing, orient_normals_toward, rng};
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 use planning::registration::{Icp, Model, Moving, PoseError, Registered, RegistrationConfig, register};
 use rand::RngExt;
@@ -23,7 +23,7 @@ fn pair(number: u64) -> (PointCloud, PointCloud) {
         let mut scratch = RenderScratch::default();
         let depth = scene.render(&camera, &view.world_from_camera(), &render, &mut scratch);
         let points = depth.to_points(&camera, &view.world_from_camera());
-        let mut cloud = PointCloud { normals: estimate_normals(&points, 20), points };
+        let mut cloud = PointCloud { normals: estimate_normals(&points, &Neighborhoods::of(&points, 20), 20), points };
         orient_normals_toward(&mut cloud, &position);
         cloud
     };
@@ -35,7 +35,12 @@ fn pair(number: u64) -> (PointCloud, PointCloud) {
 }
 
 fn ours(model: &PointCloud, scan: &PointCloud) -> Registered {
-    let model = Model::new(model, vec![false; model.len()], mean_spacing(&model.points), TOLERANCE);
+    let model = Model::new(
+        model,
+        vec![false; model.len()],
+        mean_spacing(&model.points, &Neighborhoods::of(&model.points, 2)),
+        TOLERANCE,
+    );
     let config = RegistrationConfig { kind: Icp::Plain, prior: false, gate: false, ..Default::default() };
     let error = PoseError { sigma_m: 0.002, sigma_rad: 0.3f64.to_radians(), about: None };
     register(Moving { cloud: scan, footprint_m2: 5.4e-6 }, &model, &error, &config)

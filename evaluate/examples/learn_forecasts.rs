@@ -69,7 +69,7 @@ impl Planner for Recorder<'_> {
             self.reference = reference_surface(self.samples, state.grid_size, self.search.accumulate);
         }
         let views: Vec<View> = forecasts.views.iter().map(|f| f.view).collect();
-        let (current, scores) = score_views(self.scene, &self.reference, state, &views, &self.search);
+        let (current, scores) = score_views(self.scene, &self.reference, state, &state.grid(), &views, &self.search);
         let labelled = features(state, &forecasts).into_iter().zip(scores).map(|(features, s)| Labelled {
             features,
             gain: s.coverage - current,

@@ -2,7 +2,7 @@
 //! views', 2).
 
 use crate::PointCloud;
-use crate::neighbors::{NeighborGrid, Neighborhoods};
+use crate::neighbors::Neighborhoods;
 use nalgebra::{Point3, Vector3};
 
 /// Settings of the boundary detection.
@@ -24,34 +24,24 @@ impl Default for BoundaryConfig {
     }
 }
 
-/// Indices of the boundary points, rising. The radius of the neighbourhood is the mean distance to the other
-/// `neighbors - 1` nearest points. The cloud needs normals: without them nothing is a boundary.
+/// Indices of the boundary points, rising, by the neighbourhoods of `config.neighbors` points of the cloud; their radius is
+/// the mean distance to the other `neighbors - 1` nearest points. The cloud needs normals: without them nothing is a boundary.
 ///
 /// ```
-/// use geometry::{BoundaryConfig, PointCloud, boundary_points};
+/// use geometry::{BoundaryConfig, Neighborhoods, PointCloud, boundary_points};
 /// use nalgebra::{Point3, Vector3};
 ///
 /// let points: Vec<_> = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
 /// let cloud = PointCloud { normals: vec![Vector3::z(); points.len()], points };
-/// let boundary = boundary_points(&cloud, &BoundaryConfig::default());
+/// let near = Neighborhoods::of(&cloud.points, 30);
+/// let boundary = boundary_points(&cloud, &near, &BoundaryConfig::default());
 /// assert!(boundary.contains(&0) && !boundary.contains(&465), "the corner, not the middle");
 /// ```
-pub fn boundary_points(cloud: &PointCloud, config: &BoundaryConfig) -> Vec<usize> {
-    let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), config.neighbors);
-    boundary_among(cloud, &neighborhoods, neighborhoods.mean_distance(), config)
-}
-
-/// [`boundary_points`] where the neighbourhoods of `config.neighbors` points are already known.
-pub fn boundary_among(
-    cloud: &PointCloud,
-    neighborhoods: &Neighborhoods,
-    radius: f64,
-    config: &BoundaryConfig,
-) -> Vec<usize> {
+pub fn boundary_points(cloud: &PointCloud, neighborhoods: &Neighborhoods, config: &BoundaryConfig) -> Vec<usize> {
     if !cloud.has_normals() {
         return Vec::new();
     }
-    let criterion = AngleCriterion::new(radius, config);
+    let criterion = AngleCriterion::new(neighborhoods.mean_distance(), config);
     let mut directions = Vec::new();
     (0..cloud.len()).filter(|&i| criterion.is_boundary(cloud, neighborhoods, i, &mut directions)).collect()
 }

@@ -8,7 +8,7 @@ mod neighborhoods;
 mod spacing;
 
 pub use neighborhoods::{GrowingNeighborhoods, Neighborhoods};
-pub use spacing::{mean_spacing, mean_spacing_among};
+pub use spacing::mean_spacing;
 
 use nalgebra::Point3;
 

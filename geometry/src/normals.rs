@@ -1,31 +1,25 @@
 //! Surface normals by principal components of neighbours.
 
 use crate::PointCloud;
-use crate::neighbors::{NeighborGrid, Neighborhoods};
+use crate::neighbors::Neighborhoods;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 /// Unit normals, each up to its sign: direction of least spread of the `neighbors` nearest points, the point itself
-/// included (docs/method.md: 20). Where the neighbours do not span a plane (under three points, a line, one spot) the
+/// included (docs/method.md: 20), of the neighbourhoods of so many points or more. Where the neighbours do not span a plane (under three points, a line, one spot) the
 /// answer is some unit vector perpendicular to them, (0, 0, 1) if nothing is known; so too for non-finite points.
 ///
 /// ```
-/// use geometry::{PointCloud, estimate_normals, orient_normals_toward};
+/// use geometry::{Neighborhoods, PointCloud, estimate_normals, orient_normals_toward};
 /// use nalgebra::{Point3, Vector3};
 ///
 /// let points: Vec<_> = (0..400).map(|i| Point3::new(0.01 * f64::from(i % 20), 0.01 * f64::from(i / 20), 0.0)).collect();
-/// let normals = estimate_normals(&points, 30);
+/// let normals = estimate_normals(&points, &Neighborhoods::of(&points, 30), 30);
 /// let mut cloud = PointCloud { points, normals };
 /// orient_normals_toward(&mut cloud, &Point3::new(0.1, 0.1, 1.2));
 /// assert!(cloud.normals.iter().all(|n| (n - Vector3::z()).norm() < 1e-6));
 /// ```
-pub fn estimate_normals(points: &[Point3<f64>], neighbors: usize) -> Vec<Vector3<f64>> {
-    let near = NeighborGrid::new(points, 0.0).neighborhoods(points.len(), neighbors);
-    (0..points.len()).map(|i| least_spread(&covariance(points, &points[i], near.ids(i)))).collect()
-}
-
-/// [`estimate_normals`] on all cores, where neighbourhoods of so many points, or more, are already known.
-pub fn normals_of(points: &[Point3<f64>], near: &Neighborhoods, neighbors: usize) -> Vec<Vector3<f64>> {
+pub fn estimate_normals(points: &[Point3<f64>], near: &Neighborhoods, neighbors: usize) -> Vec<Vector3<f64>> {
     let k = neighbors.min(near.k());
     let normal = |i: usize| least_spread(&covariance(points, &points[i], &near.ids(i)[..k]));
     (0..points.len()).into_par_iter().map(normal).collect()

@@ -1,7 +1,7 @@
 //! Consistent orientation of normals where no camera position is known (after Hoppe et al. 1992).
 
 use crate::PointCloud;
-use crate::neighbors::{NeighborGrid, Neighborhoods};
+use crate::neighbors::Neighborhoods;
 use nalgebra::Vector3;
 
 const BUCKETS: usize = 1 << 12;
@@ -11,14 +11,9 @@ const BUCKETS: usize = 1 << 12;
 /// takes the sign with which its normals point away from the cloud's centroid, distant points counting more.
 /// Thin sheets, seen from both sides at less than a few spacings, can go wrong (11 % of the Statue of Liberty's
 /// points); where camera positions are known, [`crate::orient_normals_toward`] is right everywhere.
-pub fn orient_normals_consistent(cloud: &mut PointCloud, neighbors: usize) {
-    let grid = NeighborGrid::new(&cloud.points, 0.0);
-    let neighborhoods = grid.neighborhoods(cloud.len(), neighbors + 1);
-    orient_normals_among(cloud, &neighborhoods, neighbors);
-}
-
-/// [`orient_normals_consistent`] where neighbourhoods of `neighbors + 1` points, or more, are already known.
-pub fn orient_normals_among(cloud: &mut PointCloud, neighborhoods: &Neighborhoods, neighbors: usize) {
+///
+/// The neighbourhoods are those of `neighbors + 1` points, or more.
+pub fn orient_normals_consistent(cloud: &mut PointCloud, neighborhoods: &Neighborhoods, neighbors: usize) {
     if !cloud.has_normals() || cloud.is_empty() {
         return;
     }

@@ -44,12 +44,12 @@ pub struct Reconstruction {
 /// triangles are about as large. Empty where the cloud has no normals, no two points, or no spacing.
 ///
 /// ```
-/// use geometry::{PointCloud, mean_spacing, reconstruct};
+/// use geometry::{Neighborhoods, PointCloud, mean_spacing, reconstruct};
 /// use nalgebra::{Point3, Vector3};
 ///
 /// let points: Vec<_> = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
 /// let cloud = PointCloud { normals: vec![Vector3::z(); points.len()], points };
-/// let surface = reconstruct(&cloud, mean_spacing(&cloud.points));
+/// let surface = reconstruct(&cloud, mean_spacing(&cloud.points, &Neighborhoods::of(&cloud.points, 2)));
 /// assert!((surface.mesh.area() / (0.116 * 0.116) - 1.0).abs() < 0.15);
 /// assert!(surface.rim.contains(&true), "a sheet ends");
 /// ```

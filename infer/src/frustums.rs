@@ -13,7 +13,8 @@ pub fn write(path: &Path, session: &Session, answer: &Answer) -> Result<(), Form
     let cloud = session.cloud();
     let mut points: Vec<ColoredPoint> =
         cloud.points.iter().map(|&position| ColoredPoint { position, color: [170, 180, 190] }).collect();
-    for i in boundary_points(cloud, &BoundaryConfig::default()) {
+    let boundary = BoundaryConfig::default();
+    for i in boundary_points(cloud, &session.state().neighborhoods(boundary.neighbors), &boundary) {
         points[i].color = [255, 140, 26];
     }
     let mut edges = Vec::new();

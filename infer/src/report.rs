@@ -54,8 +54,10 @@ fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
         STANDARD.encode(normals.flat_map(|n| <[u8; 3]>::from(bytes(n))).collect::<Vec<u8>>())
     };
     let expected = input.session.expected_surface(answer);
+    let config = BoundaryConfig::default();
+    let near = input.session.state().neighborhoods(config.neighbors);
     let mut boundary = vec![0u8; cloud.len()];
-    for i in boundary_points(cloud, &BoundaryConfig::default()) {
+    for i in boundary_points(cloud, &near, &config) {
         boundary[i] = 1;
     }
     let candidates: Vec<_> = answer

@@ -9,7 +9,7 @@ use burn::module::Module;
 use burn::tensor::Device;
 use planning::planner::checked;
 use planning::{
-    CandidateConfig, CandidateView, Observation, PlanError, Planner, RankedView, ScanState, candidate_views_among,
+    CandidateConfig, CandidateView, Observation, PlanError, Planner, RankedView, ScanState, candidate_views,
 };
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -140,7 +140,7 @@ impl Planner for NetPlanner {
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
         let config = &self.config.candidates;
         let near = state.neighborhoods(config.boundary.neighbors);
-        let candidates = candidate_views_among(&state.cloud, &near, state.working_distance, config, rng);
+        let candidates = candidate_views(&state.cloud, &near, state.working_distance, config, rng);
         if candidates.is_empty() {
             return Err(PlanError::NoBoundary);
         }

@@ -1,9 +1,9 @@
 //! Candidate views at the boundary of a cloud (docs/method.md, 'Boundary and candidate views').
 
-use geometry::boundary::{BoundaryConfig, boundary_among};
+use geometry::boundary::{BoundaryConfig, boundary_points};
 use geometry::cluster::{nearest_neighbor_order, representatives};
 use geometry::density::density_from;
-use geometry::neighbors::{NeighborGrid, Neighborhoods};
+use geometry::neighbors::Neighborhoods;
 use geometry::{PointCloud, View};
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -95,28 +95,16 @@ impl CandidateConfig {
 }
 
 /// The candidates, in the order of the greedy traversal of their targets, each `working_distance` metres from its
-/// target. Empty if the cloud has no boundary or no normals. A target with a zero normal gives none; one without
+/// target, by the neighbourhoods of `config.boundary.neighbors` points. Empty if the cloud has no boundary or no normals. A target with a zero normal gives none; one without
 /// an outward direction (its neighbours surround it evenly) is looked at along its normal.
 pub fn candidate_views(
-    cloud: &PointCloud,
-    working_distance: f64,
-    config: &CandidateConfig,
-    rng: &mut ChaCha8Rng,
-) -> Vec<CandidateView> {
-    let grid = NeighborGrid::new(&cloud.points, 0.0);
-    let neighborhoods = grid.neighborhoods(cloud.len(), config.boundary.neighbors);
-    candidate_views_among(cloud, &neighborhoods, working_distance, config, rng)
-}
-
-/// [`candidate_views`] where the neighbourhoods of `config.boundary.neighbors` points are already known.
-pub fn candidate_views_among(
     cloud: &PointCloud,
     neighborhoods: &Neighborhoods,
     working_distance: f64,
     config: &CandidateConfig,
     rng: &mut ChaCha8Rng,
 ) -> Vec<CandidateView> {
-    let boundary = boundary_among(cloud, neighborhoods, neighborhoods.mean_distance(), &config.boundary);
+    let boundary = boundary_points(cloud, neighborhoods, &config.boundary);
     let positions: Vec<Point3<f64>> = boundary.iter().map(|&i| cloud.points[i]).collect();
     let chosen: Vec<usize> = representatives(&positions, config.num_targets, rng);
     let targets: Vec<Point3<f64>> = chosen.iter().map(|&i| positions[i]).collect();

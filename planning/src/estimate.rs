@@ -38,7 +38,7 @@ const LEAST: f64 = 0.02;
 
 /// The scans that a cloud without a known camera stands for, each with an estimated camera `distance` metres from the
 /// middle of its points: one where the cloud faces one camera, whose normals are then turned towards it; else as many as
-/// explain the points. The normals point outwards before ([`geometry::orient_normals_among`]). `measured` are the points
+/// explain the points. The normals point outwards before ([`geometry::orient_normals_consistent`]). `measured` are the points
 /// before thinning, or some of them at random.
 pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distance: f64, spacing: f64) -> Vec<PastScan> {
     let middle = middle(&cloud.points);

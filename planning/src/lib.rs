@@ -56,7 +56,7 @@ pub mod turntable;
 pub use accumulate::Accumulate;
 pub use answer::{Answer, Candidate};
 pub use budget::{Budget, Left, Stopped};
-pub use candidates::{Angles, CandidateConfig, CandidateView, Observation, candidate_views, candidate_views_among};
+pub use candidates::{Angles, CandidateConfig, CandidateView, Observation, candidate_views};
 pub use config::{ConfigError, PlannerName, SessionConfig};
 pub use constraints::{Constraint, ConstraintsConfig};
 #[cfg(test)]

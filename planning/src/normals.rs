@@ -1,7 +1,7 @@
 //! The normals of a scan: those that come with it are held against its points and its camera.
 
 use crate::scan::{NORMAL_NEIGHBORS, neighborhoods};
-use geometry::{Neighborhoods, PointCloud, estimate_normals, normals_of};
+use geometry::{Neighborhoods, PointCloud, estimate_normals};
 use nalgebra::Vector3;
 
 /// Cosine above which a given normal agrees with the surface, and the share of them that must: one in three agrees by
@@ -27,10 +27,15 @@ pub(crate) struct Settled {
 /// Gives every point a normal: the given one where it can be one, else the estimated. `near` are the neighbours of the
 /// points, where they are known.
 pub(crate) fn settle(cloud: &mut PointCloud, near: Option<&Neighborhoods>) -> Settled {
-    let estimated = match near {
-        Some(near) => normals_of(&cloud.points, near, NORMAL_NEIGHBORS),
-        None => estimate_normals(&cloud.points, NORMAL_NEIGHBORS),
+    let found;
+    let neighbors = match near {
+        Some(near) => near,
+        None => {
+            found = Neighborhoods::of(&cloud.points, NORMAL_NEIGHBORS);
+            &found
+        }
     };
+    let estimated = estimate_normals(&cloud.points, neighbors, NORMAL_NEIGHBORS);
     let known = |n: &Vector3<f64>| n.iter().all(|x| x.is_finite()) && n.norm() > 0.0 && n.norm().is_finite();
     let given = if cloud.has_normals() { cloud.normals.iter().filter(|n| known(n)).count() } else { 0 };
     if 2 * given < cloud.len().max(1) {

@@ -12,7 +12,7 @@ use crate::thin;
 use crate::{Budget, CameraPose, NoReturn, PastScan, Seen, Stopped};
 use geometry::{
     BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, mean_spacing,
-    mean_spacing_among, orient_normals_along, orient_normals_among, orient_normals_toward,
+    orient_normals_along, orient_normals_consistent, orient_normals_toward,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
@@ -287,8 +287,8 @@ pub(crate) fn prepare(
     };
     in_time()?;
     let spacing = match &near {
-        Some(near) => mean_spacing_among(&cloud.points, near),
-        None => mean_spacing(&cloud.points),
+        Some(near) => mean_spacing(&cloud.points, near),
+        None => mean_spacing(&cloud.points, &Neighborhoods::of(&cloud.points, 2)),
     };
     let distance = config.working_distances().iter().sum::<f64>() / config.working_distances().len() as f64;
     let doubt = match &scan {
@@ -311,7 +311,7 @@ pub(crate) fn prepare(
     if past.is_empty() && !cloud.is_empty() {
         if !oriented {
             let near = near.get_or_insert_with(|| neighborhoods(&cloud.points));
-            orient_normals_among(&mut cloud, near, ORIENTATION_NEIGHBORS);
+            orient_normals_consistent(&mut cloud, near, ORIENTATION_NEIGHBORS);
         }
         in_time()?;
         let measured = thin::sample(&all.points, 60_000, config.seed, "infer/density");

@@ -100,10 +100,15 @@ impl ScanState {
         self.given_views.iter().map(view).collect()
     }
 
+    /// A grid over the points of the cloud.
+    pub fn grid(&self) -> NeighborGrid {
+        NeighborGrid::new(&self.cloud.points, 2.0 * self.grid_size)
+    }
+
     /// The neighbourhoods of `k` points: those known already where they are of this cloud and size, else found now.
     pub fn neighborhoods(&self, k: usize) -> Cow<'_, Neighborhoods> {
         let points = &self.cloud.points;
-        let find = || NeighborGrid::new(points, 2.0 * self.grid_size).neighborhoods_in_parallel(points.len(), k);
+        let find = || self.grid().neighborhoods_in_parallel(points.len(), k);
         let known = self.near.get_or_init(find);
         let fits = known.len() == points.len() && known.k() == k.min(points.len());
         if fits { Cow::Borrowed(known) } else { Cow::Owned(find()) }

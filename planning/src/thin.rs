@@ -133,7 +133,7 @@ const SEARCHES: usize = 8;
 /// surface, n of N points are sqrt(N / n) times farther apart.
 pub fn spacing_of_all(points: &[Point3<f64>], most: usize, seed: u64) -> f64 {
     let some = sample(points, most, seed, "infer/spacing");
-    mean_spacing(&some) * (some.len() as f64 / points.len().max(1) as f64).sqrt()
+    mean_spacing(&some, &Neighborhoods::of(&some, 2)) * (some.len() as f64 / points.len().max(1) as f64).sqrt()
 }
 
 /// At most this many of the points at random, in their order.

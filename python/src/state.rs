@@ -5,7 +5,7 @@ use crate::fault::Fault;
 use geometry::{View, rng};
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
-use planning::{CandidateConfig, RankedView, ScanState, Seen, candidate_views_among};
+use planning::{CandidateConfig, RankedView, ScanState, Seen, candidate_views};
 use pyo3::prelude::*;
 
 /// Views that a policy may offer at one decision.
@@ -103,7 +103,7 @@ impl State {
             let config = CandidateConfig::default();
             let near = self.state.neighborhoods(config.boundary.neighbors);
             let mut rng = rng::stream(self.seed, "candidates");
-            candidate_views_among(&self.state.cloud, &near, self.state.working_distance, &config, &mut rng)
+            candidate_views(&self.state.cloud, &near, self.state.working_distance, &config, &mut rng)
         });
         views.iter().map(|c| arrays::of_pose(py, &c.view.world_from_camera())).collect()
     }

@@ -1,7 +1,7 @@
 //! What RViz shows: the known cloud, its boundary, the candidates by score and the next view.
 
 use crate::messages::{Color, Header, Marker, MarkerArray, Vector3};
-use geometry::{BoundaryConfig, PinholeCamera, PointCloud, boundary_points};
+use geometry::{BoundaryConfig, Neighborhoods, PinholeCamera, PointCloud, boundary_points};
 use nalgebra::Point3;
 use planning::answer::Candidate;
 use planning::{Answer, SessionConfig};
@@ -60,8 +60,9 @@ pub fn markers(known: Known, answer: &Answer, header: &Header) -> MarkerArray {
     let step = cloud.len().div_ceil(MOST_POINTS).max(1);
     points.points = cloud.points.iter().step_by(step).map(|p| (*p).into()).collect();
     let mut boundary = marker(1, "boundary", Marker::POINTS, 1.5 * size, BOUNDARY);
-    boundary.points =
-        boundary_points(&cloud, &BoundaryConfig::default()).into_iter().map(|i| cloud.points[i].into()).collect();
+    let config = BoundaryConfig::default();
+    let near = Neighborhoods::of(&cloud.points, config.neighbors);
+    boundary.points = boundary_points(&cloud, &near, &config).into_iter().map(|i| cloud.points[i].into()).collect();
 
     let width = 0.002 * extent;
     let mut candidates = marker(2, "candidates", Marker::LINE_LIST, width, RULED_OUT);

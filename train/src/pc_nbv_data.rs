@@ -2,7 +2,7 @@
 //! fixed set; episodes are then unions of what those scans cover.
 
 use datagen::{RenderConfig, Scene};
-use geometry::{NeighborGrid, PinholeCamera, View, mean_spacing};
+use geometry::{NeighborGrid, Neighborhoods, PinholeCamera, View, mean_spacing};
 use nalgebra::Point3;
 use planning::Accumulate;
 use planning::accumulate::reference_surface;
@@ -48,7 +48,8 @@ impl ObjectViews {
                 scene.depth_image(camera, &pose, render).to_points(camera, &pose)
             })
             .collect();
-        let grid_size = mean_spacing(scans.iter().find(|s| s.len() > 1)?);
+        let first = scans.iter().find(|s| s.len() > 1)?;
+        let grid_size = mean_spacing(first, &Neighborhoods::of(first, 2));
         let surface = reference_surface(samples, grid_size, Accumulate::Averaged);
         let covered = scans.iter().map(|scan| {
             let grid = NeighborGrid::new(scan, 2.0 * tolerance);

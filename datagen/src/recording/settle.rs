@@ -3,7 +3,7 @@
 
 use formats::sequence::SequenceScan;
 use geometry::normals::{estimate_normals, orient_normals_toward};
-use geometry::{NeighborGrid, PointCloud};
+use geometry::{NeighborGrid, Neighborhoods, PointCloud};
 use nalgebra::{Point3, Vector3};
 use planning::accumulate::{Accumulate, reference_surface};
 use rayon::prelude::*;
@@ -61,7 +61,10 @@ impl Layers {
     fn new(scans: &[SequenceScan], tolerance: f64) -> Self {
         let averaged = |scan: &SequenceScan| {
             let points = reference_surface(&scan.points, tolerance, Accumulate::Averaged);
-            let mut cloud = PointCloud { normals: estimate_normals(&points, NEIGHBORS), points };
+            let mut cloud = PointCloud {
+                normals: estimate_normals(&points, &Neighborhoods::of(&points, NEIGHBORS), NEIGHBORS),
+                points,
+            };
             orient_normals_toward(&mut cloud, &Point3::from(scan.world_from_camera.translation.vector));
             cloud
         };

@@ -67,8 +67,14 @@ fn shifted_images_are_scored_by_their_mean() {
         let mut state = state.clone();
         state.camera.cx += cx;
         state.camera.cy += cy;
-        let (_, scores) =
-            score_views(&scene, &samples, &state, &[view], &SearchConfig { shifted, ..SearchConfig::default() });
+        let (_, scores) = score_views(
+            &scene,
+            &samples,
+            &state,
+            &state.grid(),
+            &[view],
+            &SearchConfig { shifted, ..SearchConfig::default() },
+        );
         (scores[0].coverage, scores[0].overlap.unwrap())
     };
     let parts = [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)].map(|(x, y)| of(false, x, y));
@@ -85,7 +91,7 @@ fn degenerate_views_score_as_empty_scans() {
     let config = SearchConfig::default();
     let state = ScanState { grid_size: 0.0023, tolerance: 0.002, num_scans: 1, ..ScanState::default() };
     let nowhere = View { target: Point3::origin(), position: Point3::origin() };
-    let (current, scores) = score_views(&scene, &samples, &state, &[nowhere], &config);
+    let (current, scores) = score_views(&scene, &samples, &state, &state.grid(), &[nowhere], &config);
     assert_eq!((current, scores[0].coverage, scores[0].overlap), (0.0, 0.0, None));
     let mut planner = SearchPlanner::new(&scene, &samples, config);
     let none = planner.rank_views(&state, &mut stream(2, "search"));

@@ -60,10 +60,12 @@ impl Planner for OraclePlanner<'_> {
                 directions.iter().map(|d| view_at(d, radius)).collect()
             }
             OracleAmong::Candidates(config) => {
-                candidate_views(&state.cloud, state.working_distance, config, rng).into_iter().map(|c| c.view).collect()
+                let near = state.neighborhoods(config.boundary.neighbors);
+                let candidates = candidate_views(&state.cloud, &near, state.working_distance, config, rng);
+                candidates.into_iter().map(|c| c.view).collect()
             }
         };
-        let (current, scores) = score_views(self.scene, &self.reference, state, &views, &self.search);
+        let (current, scores) = score_views(self.scene, &self.reference, state, &state.grid(), &views, &self.search);
         let mut list: Vec<RankedView> = views
             .iter()
             .zip(&scores)

@@ -24,7 +24,8 @@ impl Planner for RandomBoundaryPlanner {
 
     /// Empty if the cloud has no boundary.
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
-        let mut candidates = candidate_views(&state.cloud, state.working_distance, &self.candidates, rng);
+        let near = state.neighborhoods(self.candidates.boundary.neighbors);
+        let mut candidates = candidate_views(&state.cloud, &near, state.working_distance, &self.candidates, rng);
         candidates.shuffle(rng);
         let views = candidates.into_iter().map(|c| RankedView::scored(c.view, 0.0)).collect();
         checked("random-boundary", views, PlanError::NoBoundary)

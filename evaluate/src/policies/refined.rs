@@ -58,7 +58,7 @@ impl<'a> RefinedPlanner<'a> {
                     self.reference = reference_surface(samples, state.grid_size, search.accumulate);
                 }
                 let views: Vec<View> = forecasts.views.iter().map(|f| f.view).collect();
-                let (current, scores) = score_views(scene, &self.reference, state, &views, search);
+                let (current, scores) = score_views(scene, &self.reference, state, &state.grid(), &views, search);
                 scores.iter().map(|s| (s.coverage - current, s.overlap)).collect()
             }
             Source::Learned(learned) => {

@@ -3,6 +3,10 @@ use crate::golden::Golden;
 use crate::rng::stream;
 use rand::RngExt;
 
+fn boundary(cloud: &PointCloud, config: &BoundaryConfig) -> Vec<usize> {
+    boundary_points(cloud, &Neighborhoods::of(&cloud.points, config.neighbors), config)
+}
+
 fn plane(pitch: f64) -> PointCloud {
     let points = (0..400).map(|i| Point3::new(f64::from(i % 20) * pitch, f64::from(i / 20) * pitch, 0.0)).collect();
     PointCloud { points, normals: vec![Vector3::z(); 400] }
@@ -10,15 +14,15 @@ fn plane(pitch: f64) -> PointCloud {
 
 #[test]
 fn the_boundary_of_a_square_is_its_rim_and_the_rim_of_its_hole() {
-    let boundary = boundary_points(&plane(0.01), &BoundaryConfig::default());
+    let found = boundary(&plane(0.01), &BoundaryConfig::default());
     let rim: Vec<usize> = (0..400).filter(|i| i % 20 % 19 == 0 || i / 20 % 19 == 0).collect();
-    assert_eq!(boundary, rim);
+    assert_eq!(found, rim);
     let mut holed = plane(0.01);
     let keep: Vec<bool> = (0..400).map(|i| !(7..13).contains(&(i % 20)) || !(7..13).contains(&(i / 20))).collect();
     let mut kept = keep.iter();
     holed.points.retain(|_| *kept.next().unwrap());
     holed.normals.truncate(holed.points.len());
-    let inner = boundary_points(&holed, &BoundaryConfig::default())
+    let inner = boundary(&holed, &BoundaryConfig::default())
         .into_iter()
         .filter(|&i| holed.points[i].iter().take(2).all(|x| (0.03..0.16).contains(x)))
         .count();
@@ -28,15 +32,15 @@ fn the_boundary_of_a_square_is_its_rim_and_the_rim_of_its_hole() {
 #[test]
 fn degenerate_clouds_have_an_answer() {
     let config = BoundaryConfig::default();
-    assert!(boundary_points(&PointCloud::default(), &config).is_empty());
+    assert!(boundary(&PointCloud::default(), &config).is_empty());
     let mut cloud = plane(0.0);
-    assert!(boundary_points(&cloud, &config).is_empty(), "one spot has no directions");
+    assert!(boundary(&cloud, &config).is_empty(), "one spot has no directions");
     cloud = plane(0.01);
     cloud.normals[0] = Vector3::zeros();
     cloud.points[1].x = f64::NAN;
-    assert!(!boundary_points(&cloud, &config).contains(&0), "no normal, no boundary");
+    assert!(!boundary(&cloud, &config).contains(&0), "no normal, no boundary");
     cloud.normals.clear();
-    assert!(boundary_points(&cloud, &config).is_empty());
+    assert!(boundary(&cloud, &config).is_empty());
 }
 
 #[test]
@@ -56,8 +60,8 @@ fn the_gap_test_equals_sorted_angles() {
                 continue;
             }
             let cloud = PointCloud { normals: vec![Vector3::new(0.0, 0.0, 0.5); n], points };
-            let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(n, 30);
-            let found = boundary_among(&cloud, &nearby, 10.0, &config).contains(&0);
+            let nearby = Neighborhoods::of(&cloud.points, 30);
+            let found = AngleCriterion::new(10.0, &config).is_boundary(&cloud, &nearby, 0, &mut Vec::new());
             assert_eq!(found, largest > gap, "gap {gap}, largest {largest}: {angles:?}");
         }
     }
@@ -67,9 +71,10 @@ const PUBLISHED: BoundaryConfig = BoundaryConfig { neighbors: 30, max_gap_deg: 1
 
 /// Flags that differ from the recorded ones.
 fn wrong_flags(golden: &Golden, mask: &str, cloud: &PointCloud, radius: f64, config: &BoundaryConfig) -> usize {
-    let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
-    let mut ours = vec![0; cloud.len()];
-    boundary_among(cloud, &nearby, radius, config).into_iter().for_each(|i| ours[i] = 1);
+    let nearby = Neighborhoods::of(&cloud.points, 30);
+    let criterion = AngleCriterion::new(radius, config);
+    let ours: Vec<u8> =
+        (0..cloud.len()).map(|i| u8::from(criterion.is_boundary(cloud, &nearby, i, &mut Vec::new()))).collect();
     let expected = golden.u8(mask);
     assert_eq!(ours.len(), expected.len(), "{mask}");
     ours.iter().zip(expected).filter(|&(a, b)| *a != b).count()
@@ -96,7 +101,7 @@ fn masks_and_neighborhoods_equal_those_of_open3d() {
     let golden = Golden::open("boundary.safetensors");
     for name in ["sphere", "torus"] {
         let mut cloud = golden.cloud_of(name);
-        let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+        let nearby = Neighborhoods::of(&cloud.points, 30);
         let radius = golden.f64(&format!("{name}.radius"))[0];
         assert!((nearby.mean_distance() - radius).abs() < 1e-6 * radius, "{name}: radius");
         assert_eq!(wrong_neighborhoods(&golden, name, &nearby), 0, "{name}");
@@ -134,7 +139,7 @@ fn bonus_masks_equal_the_published_ones() {
     if let Some(golden) = Golden::bonus("b_boundary.safetensors") {
         for name in ["bunny_after1", "horse_after3", "teapot_after2"] {
             let cloud = golden.cloud_of(name);
-            let nearby = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+            let nearby = Neighborhoods::of(&cloud.points, 30);
             let radius = golden.f64(&format!("{name}.radius"))[0];
             assert!((nearby.mean_distance() - radius).abs() < 1e-6 * radius, "{name}: radius");
             let differ = wrong_neighborhoods(&golden, name, &nearby);

@@ -43,7 +43,7 @@ fn merged_voxels_equal(golden: &Golden, object: &str, expected: &PointCloud, wit
     let mut cloud = golden.cloud(&name("existing"));
     cloud.merge(&scan);
     let grid_size = golden.f64(&name("grid_size"))[0];
-    let spacing = crate::neighbors::mean_spacing(&scan.points);
+    let spacing = crate::mean_spacing(&scan.points, &crate::Neighborhoods::of(&scan.points, 2));
     assert!((spacing - grid_size).abs() < 1e-8 * grid_size, "{object}: {spacing} against {grid_size}");
     let thin = cloud.voxel_downsample(grid_size, VoxelOrigin::CloudMinimum);
     assert_eq!(thin.len(), expected.len(), "{object}");

@@ -16,6 +16,11 @@ pub struct Neighborhoods {
 }
 
 impl Neighborhoods {
+    /// The `k` nearest neighbours of each of these points, itself included.
+    pub fn of(points: &[Point3<f64>], k: usize) -> Self {
+        NeighborGrid::new(points, 0.0).neighborhoods(points.len(), k)
+    }
+
     /// Rows of non-finite points, yet to be filled.
     fn unknown(num_points: usize, k: usize) -> Self {
         let (ids, distances2) = (vec![u32::MAX; num_points * k], vec![f32::INFINITY; num_points * k]);

@@ -1,16 +1,11 @@
 //! How far the points of a cloud lie apart.
 
-use super::{NeighborGrid, Neighborhoods};
+use super::Neighborhoods;
 use nalgebra::Point3;
 
 /// Mean distance from each point to the nearest other one, metres: the *grid size* of a first scan (docs/method.md,
-/// 'Setting'). 0 for fewer than two points. Non-finite points do not count.
-pub fn mean_spacing(points: &[Point3<f64>]) -> f64 {
-    mean_spacing_among(points, &NeighborGrid::new(points, 0.0).neighborhoods(points.len(), 2))
-}
-
-/// [`mean_spacing`] where neighbourhoods of two points, or more, are already known.
-pub fn mean_spacing_among(points: &[Point3<f64>], neighborhoods: &Neighborhoods) -> f64 {
+/// 'Setting'), by their neighbourhoods of two points or more. 0 for fewer than two points. Non-finite points do not count.
+pub fn mean_spacing(points: &[Point3<f64>], neighborhoods: &Neighborhoods) -> f64 {
     if neighborhoods.k() < 2 {
         return 0.0;
     }

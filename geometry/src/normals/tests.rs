@@ -3,6 +3,10 @@ use crate::golden::Golden;
 use nalgebra::SymmetricEigen;
 use proptest::prelude::*;
 
+fn normals(points: &[Point3<f64>]) -> Vec<Vector3<f64>> {
+    estimate_normals(points, &Neighborhoods::of(points, 20), 20)
+}
+
 proptest! {
     #[test]
     fn closed_form_equals_the_eigen_decomposition(v in proptest::collection::vec(-1.0f64..1.0, 9), flat in 1e-3f64..1.0) {
@@ -22,16 +26,16 @@ proptest! {
 #[test]
 fn planes_lines_and_spots_give_unit_normals() {
     let plane: Vec<_> = (0..100).map(|i| Point3::new(f64::from(i % 10), f64::from(i / 10), 7.0)).collect();
-    assert!(estimate_normals(&plane, 20).iter().all(|n| n.z.abs() > 1.0 - 1e-12));
+    assert!(normals(&plane).iter().all(|n| n.z.abs() > 1.0 - 1e-12));
     let line: Vec<_> = (0..30).map(|i| Point3::new(f64::from(i), 2.0 * f64::from(i), 0.0)).collect();
     let along = Vector3::new(1.0, 2.0, 0.0).normalize();
-    for n in estimate_normals(&line, 20) {
+    for n in normals(&line) {
         assert!((n.norm() - 1.0).abs() < 1e-12 && n.dot(&along).abs() < 1e-6, "{n}");
     }
-    for n in estimate_normals(&[Point3::new(1.0, f64::NAN, 0.0), Point3::origin(), Point3::origin()], 20) {
+    for n in normals(&[Point3::new(1.0, f64::NAN, 0.0), Point3::origin(), Point3::origin()]) {
         assert_eq!(n, Vector3::z());
     }
-    assert!(estimate_normals(&[], 20).is_empty());
+    assert!(normals(&[]).is_empty());
 }
 
 #[test]
@@ -44,7 +48,7 @@ fn a_sphere_points_outward_when_seen_from_outside() {
         })
         .filter(|p| p.x > 0.3)
         .collect();
-    let mut cloud = PointCloud { normals: estimate_normals(&points, 20), points };
+    let mut cloud = PointCloud { normals: normals(&points), points };
     orient_normals_toward(&mut cloud, &Point3::new(5.0, 0.0, 0.0));
     for (p, n) in cloud.points.iter().zip(&cloud.normals) {
         assert!(n.dot(&p.coords) > 0.99, "{p} {n}");
@@ -54,10 +58,10 @@ fn a_sphere_points_outward_when_seen_from_outside() {
 #[test]
 fn a_larger_table_gives_the_same_normals() {
     let points: Vec<_> = (0..400).map(f64::from).map(|i| Point3::new(i.sin(), i.cos(), 0.01 * i)).collect();
-    let near = NeighborGrid::new(&points, 0.0).neighborhoods(points.len(), 30);
-    assert_eq!(normals_of(&points, &near, 20), estimate_normals(&points, 20));
-    assert_ne!(normals_of(&points, &near, 30), estimate_normals(&points, 20));
-    assert_eq!(normals_of(&points[..1], &NeighborGrid::new(&points[..1], 0.0).neighborhoods(1, 30), 20).len(), 1);
+    let near = Neighborhoods::of(&points, 30);
+    assert_eq!(estimate_normals(&points, &near, 20), normals(&points));
+    assert_ne!(estimate_normals(&points, &near, 30), normals(&points));
+    assert_eq!(estimate_normals(&points[..1], &Neighborhoods::of(&points[..1], 30), 20).len(), 1);
 }
 
 #[test]
@@ -68,7 +72,7 @@ fn normals_equal_those_of_open3d() {
         let name = |field: &str| format!("{object}.{field}");
         let expected = golden.cloud(&name("scan"));
         let camera = golden.points(&name("camera"))[0];
-        let mut ours = PointCloud { normals: estimate_normals(&expected.points, 20), points: expected.points };
+        let mut ours = PointCloud { normals: normals(&expected.points), points: expected.points };
         orient_normals_along(&mut ours, &camera.coords);
         for (a, b) in ours.normals.iter().zip(&expected.normals) {
             assert!((a - b).norm() < 1e-5, "{object}: {a} against {b}");
@@ -91,7 +95,7 @@ fn bonus_normals_of_published_scans() {
             let name = |field: &str| format!("{object}.pose{pose}.{field}");
             let expected = golden.cloud(&name("world_points_normals"));
             let [camera, target] = ["camera", "target"].map(|f| golden.points(&name(f))[0]);
-            let normals = estimate_normals(&expected.points, 20);
+            let normals = normals(&expected.points);
             let mut ours = PointCloud { points: expected.points.clone(), normals };
             orient_normals_along(&mut ours, &(camera - target));
             for (a, b) in ours.normals.iter().zip(&expected.normals) {

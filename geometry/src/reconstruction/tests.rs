@@ -1,5 +1,5 @@
 use super::*;
-use crate::{mean_spacing, rng::stream};
+use crate::{Neighborhoods, mean_spacing, rng::stream};
 use rand::RngExt;
 use std::collections::HashMap;
 
@@ -42,7 +42,7 @@ fn volume(mesh: &Mesh) -> f64 {
 #[test]
 fn a_ball_is_closed_and_has_its_volume_area_and_radius() {
     let cloud = ball(4000, |_| true);
-    let spacing = mean_spacing(&cloud.points);
+    let spacing = mean_spacing(&cloud.points, &Neighborhoods::of(&cloud.points, 2));
     let made = reconstruct(&cloud, spacing);
     let edges = edges(&made.mesh);
     assert!(edges.values().all(|e| *e == (0, 2)), "closed, and every triangle faces the same side");
@@ -63,7 +63,7 @@ fn a_ball_is_closed_and_has_its_volume_area_and_radius() {
 #[test]
 fn where_nothing_was_measured_the_surface_ends() {
     let cloud = ball(4000, |n| n.z < 0.6);
-    let spacing = mean_spacing(&cloud.points);
+    let spacing = mean_spacing(&cloud.points, &Neighborhoods::of(&cloud.points, 2));
     let made = reconstruct(&cloud, spacing);
     let rim: Vec<f64> = made.mesh.vertices.iter().zip(&made.rim).filter(|(_, r)| **r).map(|(v, _)| v.z).collect();
     assert!(rim.len() > 50);

@@ -39,7 +39,8 @@ fn what_cannot_be_ranked_is_an_error_that_says_why() {
     let nothing = planner.rank_views(&ScanState::default(), &mut stream(1, "test"));
     assert_eq!(nothing, Err(PlanError::NoBoundary));
     let state = state();
-    let candidates = candidate_views(&state.cloud, 0.5, &CandidateConfig::default(), &mut stream(1, "t"));
+    let candidates =
+        candidate_views(&state.cloud, &state.neighborhoods(30), 0.5, &CandidateConfig::default(), &mut stream(1, "t"));
     let mut broken = state;
     broken.cloud.points[7].x = f64::NAN;
     let error = planner.rank(&candidates, &broken, &mut stream(1, "t")).unwrap_err();
@@ -71,7 +72,8 @@ impl burn::module::ModuleMapper for Poison {
 fn cloud_normalisation_ignores_translation_and_unit() {
     let planner = planner(EncodeConfig { points: 128, ..EncodeConfig::default() });
     let state = state();
-    let candidates = candidate_views(&state.cloud, 0.5, &CandidateConfig::default(), &mut stream(1, "t"));
+    let candidates =
+        candidate_views(&state.cloud, &state.neighborhoods(30), 0.5, &CandidateConfig::default(), &mut stream(1, "t"));
     let scores = |scale: f64, shift: Vector3<f64>| {
         let place = |p: &Point3<f64>| Point3::from(p.coords * scale + shift);
         let mut moved = state.clone();

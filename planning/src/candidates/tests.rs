@@ -19,7 +19,7 @@ fn directions_equal(
     tolerance: f64,
 ) -> Vec<usize> {
     let field = |f: &str| format!("{name}.{f}");
-    let neighborhoods = NeighborGrid::new(&cloud.points, 0.0).neighborhoods(cloud.len(), 30);
+    let neighborhoods = Neighborhoods::of(&cloud.points, 30);
     let indices = golden.indices(&field("representative_index"));
     let sorted: Vec<usize> = golden.indices(&field("nearest_sort_order")).iter().map(|&i| indices[i]).collect();
     let us = golden.points(&field("view_u"));
@@ -37,6 +37,11 @@ fn directions_equal(
         }
     }
     sorted
+}
+
+fn views(cloud: &PointCloud, distance: f64, config: &CandidateConfig, rng: &mut ChaCha8Rng) -> Vec<CandidateView> {
+    let near = Neighborhoods::of(&cloud.points, config.boundary.neighbors);
+    candidate_views(cloud, &near, distance, config, rng)
 }
 
 #[test]
@@ -64,7 +69,7 @@ fn bonus_directions_equal_the_published_ones() {
 fn candidates_of_a_sheet_stand_at_its_rim() {
     let cloud = sheet();
     let config = CandidateConfig::default();
-    let candidates = candidate_views(&cloud, 0.7, &config, &mut stream(1, "candidates"));
+    let candidates = views(&cloud, 0.7, &config, &mut stream(1, "candidates"));
     assert_eq!(candidates.len(), 20);
     for (i, c) in candidates.iter().enumerate() {
         assert!(((c.view.position - c.view.target).norm() - 0.7).abs() < 1e-12);
@@ -78,15 +83,14 @@ fn candidates_of_a_sheet_stand_at_its_rim() {
         assert!(c.density > 0.0);
     }
     let all = CandidateConfig { angles: Angles::All, ..config };
-    assert_eq!(candidate_views(&cloud, 0.7, &all, &mut stream(1, "candidates")).len(), 60);
+    assert_eq!(views(&cloud, 0.7, &all, &mut stream(1, "candidates")).len(), 60);
 }
 
 #[test]
 fn candidates_move_with_the_cloud() {
     let cloud = sheet();
     let motion = Isometry3::new(Vector3::new(4.0, -2.0, 1.0), Vector3::new(0.3, 0.2, -1.0));
-    let views =
-        |cloud: &PointCloud| candidate_views(cloud, 1.2, &CandidateConfig::default(), &mut stream(2, "candidates"));
+    let views = |cloud: &PointCloud| views(cloud, 1.2, &CandidateConfig::default(), &mut stream(2, "candidates"));
     // Away from exact ties of the lattice.
     let mut rng = stream(3, "jitter");
     let mut cloud = cloud;
@@ -102,7 +106,7 @@ fn candidates_move_with_the_cloud() {
 
 #[test]
 fn degenerate_clouds_have_no_candidates() {
-    let views = |cloud: &PointCloud| candidate_views(cloud, 1.2, &CandidateConfig::default(), &mut stream(4, "c"));
+    let views = |cloud: &PointCloud| views(cloud, 1.2, &CandidateConfig::default(), &mut stream(4, "c"));
     assert!(views(&PointCloud::default()).is_empty());
     let mut cloud = sheet();
     cloud.normals.fill(Vector3::zeros());

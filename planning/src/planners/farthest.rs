@@ -2,7 +2,7 @@
 //! and blind to overlap.
 
 use crate::planner::checked;
-use crate::{CandidateConfig, PlanError, Planner, RankedView, ScanState, candidate_views_among};
+use crate::{CandidateConfig, PlanError, Planner, RankedView, ScanState, candidate_views};
 use geometry::View;
 use nalgebra::{Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -74,7 +74,7 @@ impl Planner for FarthestPlanner {
             }
             Among::Candidates(config) => {
                 let near = state.neighborhoods(config.boundary.neighbors);
-                let candidates = candidate_views_among(&state.cloud, &near, state.working_distance, config, rng);
+                let candidates = candidate_views(&state.cloud, &near, state.working_distance, config, rng);
                 candidates.into_iter().map(|c| c.view).collect()
             }
         };

@@ -11,7 +11,7 @@ mod predict;
 mod silhouette;
 mod tiles;
 
-use crate::candidates::candidate_views_among;
+use crate::candidates::candidate_views;
 use crate::overlap::margin;
 use crate::planner::checked;
 use crate::{Angles, CandidateConfig, PastScan, PlanError, Planner, RankedView, ScanState};
@@ -213,7 +213,7 @@ impl VolumetricPlanner {
         }
         let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
         let candidates: Vec<(View, Isometry3<f64>)> = if state.given_views.is_empty() {
-            let own = candidate_views_among(cloud, &near, state.working_distance, &self.config.candidates, rng);
+            let own = candidate_views(cloud, &near, state.working_distance, &self.config.candidates, rng);
             own.iter().map(|c| (c.view, c.view.world_from_camera())).collect()
         } else {
             state.given().into_iter().zip(state.given_views.iter().copied()).collect()

@@ -3,7 +3,7 @@
 use super::icp::LIKE;
 use super::{Frame, Icp, Information, Moving};
 use crate::ScanState;
-use geometry::{BoundaryConfig, NeighborGrid, PointCloud, boundary_among};
+use geometry::{BoundaryConfig, NeighborGrid, PointCloud, boundary_points};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Tolerances that a pixel of the paper's camera is wide, 2.33 mm at 1.2 m: what a measured point counts for.
@@ -39,9 +39,7 @@ impl<'a> Model<'a> {
         if kind == Icp::Good {
             let boundary = BoundaryConfig::default();
             let near = state.neighborhoods(boundary.neighbors);
-            boundary_among(&state.cloud, &near, near.mean_distance(), &boundary)
-                .into_iter()
-                .for_each(|i| rim[i] = true);
+            boundary_points(&state.cloud, &near, &boundary).into_iter().for_each(|i| rim[i] = true);
         }
         Self::new(&state.cloud, rim, state.grid_size, state.tolerance)
     }

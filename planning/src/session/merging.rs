@@ -3,7 +3,7 @@
 use super::Session;
 use crate::accumulate::{self, reference_surface};
 use crate::{Accumulate, Budget, ScanState};
-use geometry::mean_spacing;
+use geometry::{Neighborhoods, mean_spacing};
 use std::sync::{Arc, OnceLock};
 
 /// Of the spacing that thinning adds, so much more does a point stand for: the widest holes between points that are thinned
@@ -53,7 +53,7 @@ impl Session {
         let (grid_size, measured) = match config.accumulate {
             Accumulate::Thinned if scans.len() > 1 => {
                 let measured = scans.iter().map(|s| s.measured_spacing).fold(f64::INFINITY, f64::min);
-                (mean_spacing(&cloud.points), measured)
+                (mean_spacing(&cloud.points, &Neighborhoods::of(&cloud.points, 2)), measured)
             }
             Accumulate::Thinned => (first_spacing, scans[0].measured_spacing),
             _ => (first_spacing, first_spacing),

@@ -4,7 +4,7 @@ use super::SessionError;
 use crate::config::{PlannerName, SessionConfig};
 use crate::planners::auto::AutoPlanner;
 use crate::{PlanError, RankedView, ScanState};
-use geometry::{BoundaryConfig, boundary_among, rng};
+use geometry::{BoundaryConfig, boundary_points, rng};
 
 /// The views of a planner, best first for each working distance, and the boundary points of the cloud.
 #[derive(Clone, Debug)]
@@ -68,7 +68,7 @@ fn rank_all(
     state.budget.allows(!views.is_empty())?;
     let boundary = BoundaryConfig::default();
     let near = state.neighborhoods(boundary.neighbors);
-    let boundary = boundary_among(&state.cloud, &near, near.mean_distance(), &boundary).len();
+    let boundary = boundary_points(&state.cloud, &near, &boundary).len();
     if views.is_empty() && boundary > 0 && state.given_views.is_empty() {
         let why = format!("none of the {boundary} boundary points has a normal to look along");
         return Err(PlanError::no_view(planner.as_str(), why).into());

@@ -41,7 +41,7 @@ fn only_what_is_replaced_changes_and_it_is_the_truth() {
         let refined = rank(truth(), true, true);
         let reference = reference_surface(&samples, state.grid_size, search().accumulate);
         let views: Vec<View> = refined.iter().map(|r| r.view).collect();
-        let (current, scores) = score_views(&scene, &reference, state, &views, &search());
+        let (current, scores) = score_views(&scene, &reference, state, &state.grid(), &views, &search());
         for (r, s) in refined.iter().zip(scores) {
             assert_eq!((r.gain, r.overlap), (Some(s.coverage - current), s.overlap));
         }
