@@ -125,6 +125,9 @@ pub struct ViewRegistration {
     pub failed: bool,
     /// Why it was not merged.
     pub refused: Option<Refused>,
+    /// From where it is to where it was put: as registered where it was merged, else as given.
+    #[serde(default)]
+    pub placed_from_true: Isometry3<f64>,
     /// Share of the scan that overlaps what was merged before with like normals, all in its true place.
     pub like_overlap: f64,
     /// Lambda of that overlap.
@@ -147,9 +150,10 @@ fn is_zero(count: &usize) -> bool {
 }
 
 impl ViewRegistration {
-    /// The scan was merged, off by this much.
-    fn merged(&mut self, left_m: f64, tolerance: f64) {
+    /// The scan was merged after this correction of its pose, off by so much.
+    fn merged(&mut self, correction: &Isometry3<f64>, left_m: f64, tolerance: f64) {
         (self.left_m, self.failed) = (Some(left_m), left_m > tolerance);
+        self.placed_from_true = correction * self.placed_from_true;
     }
 }
 
@@ -237,6 +241,7 @@ impl Placed {
             left_m: None,
             failed: false,
             refused: shot.points.is_empty().then_some(Refused::Empty),
+            placed_from_true: shot.world_from_camera * shot.actual.inverse(),
             like_overlap: found.like_normals,
             lambda: found.lambda,
             expected_lambda: expected.lambda,
@@ -256,17 +261,25 @@ impl Placed {
         };
         orient_normals_toward(&mut self.next, camera);
         let points = self.next.points.clone();
-        self.merge(points, grid_size, f64::INFINITY);
+        self.merge(&points, grid_size, f64::INFINITY);
     }
 
-    /// The scan that was looked at is merged, with its points here.
-    pub fn add(&mut self, registered: Vec<Point3<f64>>, grid_size: f64, tolerance: f64) {
+    /// The scan that was looked at is merged, its points as given corrected so. Answers with where they are then.
+    pub fn add(
+        &mut self,
+        given: &[Point3<f64>],
+        correction: &Isometry3<f64>,
+        grid_size: f64,
+        tolerance: f64,
+    ) -> Vec<Point3<f64>> {
+        let registered: Vec<_> = given.iter().map(|p| correction * p).collect();
         let before = self.squared;
         let count = registered.len();
-        self.merge(registered, grid_size, tolerance);
+        self.merge(&registered, grid_size, tolerance);
         if let Some(view) = self.views.last_mut() {
-            view.merged(((self.squared - before) / count.max(1) as f64).sqrt(), tolerance);
+            view.merged(correction, ((self.squared - before) / count.max(1) as f64).sqrt(), tolerance);
         }
+        registered
     }
 
     /// The scan that was looked at is left out; `given` are its points, if it waits, under this number.
@@ -290,12 +303,12 @@ impl Placed {
             let registered: Vec<_> = scan.given.iter().map(|p| correction * p).collect();
             let count = registered.len();
             self.next = scan.truth;
-            self.merge(registered, grid_size, tolerance);
+            self.merge(&registered, grid_size, tolerance);
             let left = ((self.squared - before) / count.max(1) as f64).sqrt();
             let waited = self.views.len() - 1 - scan.view;
             let view = &mut self.views[scan.view];
             (view.refused, view.waited) = (None, waited);
-            view.merged(left, tolerance);
+            view.merged(&correction, left, tolerance);
         }
     }
 
@@ -304,7 +317,7 @@ impl Placed {
         self.views.last_mut().into_iter().for_each(|view| view.bridge = true);
     }
 
-    fn merge(&mut self, registered: Vec<Point3<f64>>, grid_size: f64, tolerance: f64) {
+    fn merge(&mut self, registered: &[Point3<f64>], grid_size: f64, tolerance: f64) {
         let next = std::mem::take(&mut self.next);
         let mut sound = PointCloud::default();
         for (p, truth) in registered.iter().zip(&next.points) {

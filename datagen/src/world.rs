@@ -203,8 +203,7 @@ impl<'a> World<'a> {
                     return Ok(());
                 }
                 let correction = found.map_or_else(Isometry3::identity, |found| found.correction);
-                let points: Vec<_> = points.iter().map(|p| correction * p).collect();
-                placed.add(points.clone(), self.grid_size, self.config.tolerance_m);
+                let points = placed.add(&points, &correction, self.grid_size, self.config.tolerance_m);
                 placed.take_in(|number| self.session.correction(number), self.grid_size, self.config.tolerance_m);
                 points
             }

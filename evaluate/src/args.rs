@@ -2,8 +2,9 @@
 
 use crate::config::{EvaluateConfig, PaperConfig};
 use clap::Parser;
-use formats::config::{ConfigError, Flag};
+use formats::config::Flag;
 use formats::program::{CommonArgs, EXIT_CODES, length};
+use formats::urdf::read_urdf;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -46,6 +47,13 @@ pub struct Args {
     /// Distance from target to camera, metres [default: 1.2]
     #[arg(long, value_name = "METRES", value_parser = length)]
     pub distance: Option<f64>,
+    /// An arm that carries the camera, as a URDF: adds joint travel and views out of reach to the tables. Where its base and the
+    /// camera on it are: [robot] in the settings
+    #[arg(long, value_name = "FILE", requires = "tool")]
+    pub robot: Option<PathBuf>,
+    /// Link of the arm that the camera is mounted on
+    #[arg(long, value_name = "LINK", requires = "robot")]
+    pub tool: Option<String>,
     /// Device for the networks: cpu, or a GPU backend that was compiled in (wgpu, cuda) [default: cpu]
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,
@@ -54,12 +62,12 @@ pub struct Args {
     pub baseline: Option<String>,
     /// Compare result directories with the first one instead of running anything
     #[arg(long, num_args = 2.., value_name = "DIR", conflicts_with_all = [
-        "dataset", "root", "only", "objects", "policies", "episodes", "preset", "distance", "device", "list_policies", "json",
+        "dataset", "root", "only", "objects", "policies", "episodes", "preset", "distance", "robot", "device", "list_policies", "json",
         "config", "set", "seed", "jobs",
     ])]
     pub compare: Vec<PathBuf>,
     /// List the policies
-    #[arg(long, conflicts_with_all = ["dataset", "root", "only", "objects", "policies", "episodes", "distance", "device", "out", "json"])]
+    #[arg(long, conflicts_with_all = ["dataset", "root", "only", "objects", "policies", "episodes", "distance", "robot", "device", "out", "json"])]
     pub list_policies: bool,
     /// Print the rows of the tables as JSON
     #[arg(long)]
@@ -70,7 +78,11 @@ pub struct Args {
 
 impl Args {
     /// The settings: defaults or the publication's, then the file, then `--set`, then flags.
-    pub fn settings(&self) -> Result<EvaluateConfig, ConfigError> {
+    pub fn settings(&self) -> anyhow::Result<EvaluateConfig> {
+        let arm = match (&self.robot, &self.tool) {
+            (Some(file), Some(tool)) => Some(toml::Value::try_from(read_urdf(file, tool)?.arm)?),
+            _ => None,
+        };
         let flags = [
             Flag::given("--dataset", "dataset.name", self.dataset.clone()),
             Flag::given("--root", "dataset.root", self.root.clone()),
@@ -79,12 +91,13 @@ impl Args {
             Flag::given("--policies", "policies", self.policies.clone()),
             Flag::given("--episodes", "episodes", self.episodes),
             Flag::given("--distance", "episode.working_distance_m", self.distance),
+            Flag::given("--robot", "robot.arm", arm),
             Flag::given("--device", "weights.device", self.device.clone()),
             Flag::given("--baseline", "baseline", self.baseline.clone()),
         ];
         match self.preset {
             Some(_) => Ok(self.common.settings::<PaperConfig>(flags)?.0),
-            None => self.common.settings(flags),
+            None => Ok(self.common.settings(flags)?),
         }
     }
 }

@@ -12,7 +12,10 @@ use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
 use cpu_time::ThreadTime;
 use datagen::{Decision, Episode, EpisodeError, run_episode_with};
 use geometry::rng::stream;
-use planning::Planner;
+use geometry::{NeighborGrid, View};
+use nalgebra::Isometry3;
+use planning::reach::{Obstacles, Reach, Tour};
+use planning::{Planner, RobotConfig};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -140,6 +143,15 @@ pub fn run(
     Ok(())
 }
 
+/// The arm's way through the views of an episode, past the true surface.
+fn tour(robot: &RobotConfig, object: &Object, episode: &Episode) -> Tour {
+    const CELL_M: f64 = 0.05;
+    let surface = object.mesh().map_or(&episode.cloud.points, |mesh| &mesh.samples);
+    let grid = NeighborGrid::new(surface, CELL_M);
+    let obstacles = Obstacles { measured: Some((surface, &grid)), ..Obstacles::default() };
+    Reach::new(robot).tour(episode.views.iter().map(View::world_from_camera), &obstacles, &Isometry3::identity())
+}
+
 fn run_one(
     object: &Object,
     policy: &Policy,
@@ -167,7 +179,12 @@ fn run_one(
     Ok(match outcome {
         Ok((outcome, forecasts)) => Entry::Episode {
             timing: Timing { episode_s: clock.elapsed().as_secs_f64(), decisions_s: outcome.decision_seconds.clone() },
-            record: EpisodeRecord { weights, forecasts, ..EpisodeRecord::new(key, &outcome) },
+            record: EpisodeRecord {
+                weights,
+                forecasts,
+                arm: config.robot.as_ref().map(|robot| tour(robot, object, &outcome)),
+                ..EpisodeRecord::new(key, &outcome)
+            },
         },
         Err(error) => Entry::Skipped(Skipped { key, reason: error.to_string() }),
     })

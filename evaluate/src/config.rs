@@ -5,7 +5,7 @@ use datagen::EpisodeConfig;
 use datagen::config::check_counts;
 use datagen::dataset::{DatasetConfig, DatasetName};
 use formats::config::SettingError;
-use planning::{CandidateConfig, VolumetricConfig};
+use planning::{CandidateConfig, RobotConfig, VolumetricConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -103,6 +103,10 @@ pub struct EvaluateConfig {
     pub see: SeeConfig,
     /// The object on a table; absent: it floats.
     pub table: Option<TableConfig>,
+    /// An arm that carries the camera, the object in the origin of its cell: for each episode, how far its joints travel, and how
+    /// many views it cannot take.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robot: Option<RobotConfig>,
     /// Recorded sequences by name.
     pub sequences: BTreeMap<String, SequenceConfig>,
     /// Checkpoints.
@@ -129,6 +133,7 @@ impl Default for EvaluateConfig {
             volumetric: VolumetricConfig::default(),
             see: SeeConfig::default(),
             table: None,
+            robot: None,
             sequences: BTreeMap::new(),
             weights: WeightsConfig::default(),
         }
@@ -156,6 +161,9 @@ impl EvaluateConfig {
             return Err(SettingError::new("diagonal_m", self.diagonal_m, "a length above 0"));
         }
         self.episode.validate()?;
+        if let Some(robot) = &self.robot {
+            robot.check().map_err(|e| SettingError::new(e.key, e.found, e.expected))?;
+        }
         check_counts(&[
             ("episodes", self.episodes),
             ("surface_samples", self.surface_samples),

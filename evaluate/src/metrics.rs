@@ -15,6 +15,12 @@ pub enum Figure {
     CoverageArea(usize),
     /// Straight from each camera position to the next, metres, summed.
     Path,
+    /// Views, the first scan being one.
+    Views,
+    /// Travel of the arm's joints between the views that it takes, radians and metres, summed.
+    JointTravel,
+    /// Views that the arm cannot take.
+    OutOfReach,
     /// Overlap of next view 1, 2 or 3, percent.
     Overlap(u8),
     /// Coefficient of variation of the overlaps of next views 1 to 3, percent.
@@ -52,6 +58,9 @@ impl Figure {
                 (views > 0).then(|| 100.0 * sum / views as f64)
             }
             Figure::Path => Some(record.views.windows(2).map(|w| (w[1].position - w[0].position).norm()).sum()),
+            Figure::Views => Some(record.views.len() as f64),
+            Figure::JointTravel => record.arm.map(|tour| tour.travel),
+            Figure::OutOfReach => record.arm.map(|tour| tour.unreached as f64),
             Figure::Overlap(n) => record.overlaps.get(usize::from(n).checked_sub(1)?)?.map(|o| 100.0 * o),
             Figure::Cv3 => overlap_variation(record.overlaps.get(..3).unwrap_or(&record.overlaps)),
             Figure::CvAll => overlap_variation(&record.overlaps),
@@ -234,6 +243,7 @@ pub(crate) mod tests {
             end: End::AllViews,
             forecasts: Vec::new(),
             registration: None,
+            arm: None,
             weights: None,
         }
     }

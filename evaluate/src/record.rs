@@ -2,6 +2,7 @@
 
 use datagen::{End, Episode, RegistrationOutcome};
 use geometry::View;
+use planning::reach::Tour;
 use serde::{Deserialize, Serialize};
 
 /// Names an episode of a run.
@@ -56,6 +57,9 @@ pub struct EpisodeRecord {
     /// What became of the scans, where they have to be registered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<RegistrationOutcome>,
+    /// An arm's way through the views, where the settings have an arm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub arm: Option<Tour>,
     /// Digest of the weights that the policy used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
@@ -97,6 +101,7 @@ impl EpisodeRecord {
             end: episode.end,
             forecasts: Vec::new(),
             registration: episode.registration.clone(),
+            arm: None,
             weights: None,
         }
     }

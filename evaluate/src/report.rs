@@ -1,5 +1,6 @@
 //! What a run leaves behind: rows per view as CSV and JSON lines, tables as Markdown, everything as one HTML page.
 
+pub mod arm;
 pub mod closure;
 pub mod compare;
 pub mod paper;
@@ -94,11 +95,21 @@ pub fn write(
         atomic_write_with(&directory.join("registration.csv"), |w| write_csv(w, &rows.registration))?;
         atomic_write_with(&directory.join("failures.csv"), |w| write_csv(w, &rows.failures))?;
     }
+    if !rows.arm.is_empty() {
+        atomic_write_with(&directory.join("arm.csv"), |w| write_csv(w, &rows.arm))?;
+    }
     atomic_write(&directory.join("timing.md"), tables::timing(contents, &order).to_markdown().as_bytes())?;
+    let figures = figures(contents, config, &order, &rows);
+    for (file, _, svg) in &figures {
+        atomic_write(&directory.join(file), svg.as_bytes())?;
+    }
     let mut markdown = format!("# Results\n\n{}\n\n", headline(contents, config, &order));
     results.iter().for_each(|table| markdown.push_str(&table.to_markdown()));
     atomic_write(&directory.join("report.md"), markdown.as_bytes())?;
-    atomic_write(&directory.join("report.html"), html(contents, config, &order, &results, objects).as_bytes())?;
+    atomic_write(
+        &directory.join("report.html"),
+        html(contents, config, &order, &figures, &results, objects).as_bytes(),
+    )?;
     Ok(rows)
 }
 
@@ -217,17 +228,37 @@ fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
     )
 }
 
+/// The figures: name of the file, heading, SVG.
+fn figures(
+    contents: &Contents,
+    config: &EvaluateConfig,
+    policies: &[String],
+    rows: &Rows,
+) -> Vec<(&'static str, &'static str, String)> {
+    let mut list = vec![
+        ("coverage.svg", "Coverage over views", plots::coverage_curves(contents, config, policies)),
+        ("overlaps.svg", "Overlap of next views 1 to 3", plots::overlap_boxes(contents, policies)),
+    ];
+    if !rows.failures.is_empty() {
+        let curves = plots::failure_curves(&rows.failures);
+        list.push(("failures.svg", "Failures of scans onto a sound cloud, with 95 % intervals", curves));
+    }
+    list
+}
+
 fn html(
     contents: &Contents,
     config: &EvaluateConfig,
     policies: &[String],
+    figures: &[(&str, &str, String)],
     tables: &[Table],
     objects: &[Object],
 ) -> String {
     let mut page = String::from(include_str!("report/head.html"));
     let _ = write!(page, "<h1>Results</h1><p>{}</p>", formats::html::escape(&headline(contents, config, policies)));
-    let _ = write!(page, "<h2>Coverage over views</h2>{}", plots::coverage_curves(contents, config, policies));
-    let _ = write!(page, "<h2>Overlap of next views 1 to 3</h2>{}", plots::overlap_boxes(contents, policies));
+    for (_, heading, svg) in figures {
+        let _ = write!(page, "<h2>{heading}</h2>{svg}");
+    }
     if let Some((object, record)) = replay::choose(contents, policies, objects) {
         page.push_str(&replay::html(object, record, config));
     }

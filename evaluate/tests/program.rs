@@ -94,3 +94,43 @@ fn the_papers_values_are_printed_beside_ours() {
     assert!(table.contains("| random-boundary | here | "), "{table}");
     assert!(table.contains("| random-boundary | paper | 94.28 | 23.55 | 0.11 | 5.91 | 9.50 | 9.93 |"), "{table}");
 }
+
+#[test]
+fn an_arm_adds_its_joint_travel_and_what_it_cannot_take() {
+    let directory = tempfile::tempdir().expect("dir");
+    let urdf = format!("{}/../samples/robots/ur5e.urdf", env!("CARGO_MANIFEST_DIR"));
+    let set = ["--dataset", "procedural", "--objects", "1", "--episodes", "1", "--set", "episode.num_views=5"];
+    let base = "robot.cell_from_base=[[1,0,0,-0.65],[0,1,0,0],[0,0,1,-0.25],[0,0,0,1]]";
+    let policies =
+        ["--policies", "random-33", "--baseline", "random-33", "--distance", "0.45", "--json", "--out", "out"];
+    let arm = ["--robot", &urdf, "--tool", "tool0", "--set", base];
+    let (code, json, message) = run(directory.path(), &[&set[..], &policies, &arm].concat());
+    assert_eq!(code, Some(0), "{message}");
+    let rows: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let number = |key: &str| rows["arm"][0][key].as_f64().unwrap_or_else(|| panic!("{key}: {rows}"));
+    let out_of_reach = number("views_out_of_reach");
+    assert!(number("views") == 6.0 && (1.0..5.0).contains(&out_of_reach), "half of the sphere is: {rows}");
+    let taken = 6.0 - out_of_reach;
+    assert!(number("joint_travel_rad") > 0.5 && number("joint_travel_rad") < 12.0 * taken, "{rows}");
+    let csv = std::fs::read_to_string(directory.path().join("out/arm.csv")).expect("a table");
+    assert!(csv.starts_with("policy,episodes,views,views_out_of_reach,joint_travel_rad\nrandom-33,1,6"), "{csv}");
+    let wrong = ["--robot", &urdf, "--tool", "hand"];
+    let (code, _, message) = run(directory.path(), &[&set[..], &wrong].concat());
+    assert!(code == Some(1) && message.contains("ur5e.urdf") && message.contains("hand"), "{message}");
+}
+
+#[test]
+fn a_scan_that_fails_to_register_is_shown_as_it_happens() {
+    let directory = tempfile::tempdir().expect("dir");
+    let set = ["--dataset", "procedural", "--objects", "1", "--episodes", "1", "--set", "episode.num_views=3"];
+    let policies = ["--policies", "random-sphere,farthest:60", "--baseline", "random-sphere", "--out", "out"];
+    let registration = "episode.registration={sigma_t_m=0.03,sigma_theta_deg=8.0,prior=false,gate=false}";
+    let (code, _, message) = run(directory.path(), &[&set[..], &policies, &["--set", registration]].concat());
+    assert_eq!(code, Some(0), "{message}");
+    let read = |file: &str| std::fs::read_to_string(directory.path().join("out").join(file)).expect("written");
+    let (page, figure) = (read("report.html"), read("failures.svg"));
+    assert!(page.contains("scans that failed are red") && page.contains("; failed, "), "the failure and how far off");
+    assert!(page.contains("failed:[false,"), "the first scan defines the frame");
+    assert!(page.contains(&figure) && figure.starts_with("<svg") && figure.contains("overlap with like normals"));
+    assert!(read("coverage.svg").starts_with("<svg") && read("overlaps.svg").starts_with("<svg"));
+}

@@ -104,6 +104,15 @@ pub struct Reached {
     pub travel: f64,
 }
 
+/// An arm's way through views, one after the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tour {
+    /// Sum of the joints' travel from the first view that it takes to the last, radians and metres.
+    pub travel: f64,
+    /// Views that it cannot take; it stays where it is.
+    pub unreached: usize,
+}
+
 /// A joint's value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointValue {
@@ -246,6 +255,26 @@ impl Reach {
             }
         }
         Err(hindered.unwrap_or_else(|| self.unreached(cell_from_camera).into()))
+    }
+
+    /// The way through these poses of the camera in the cell, each as by [`Self::to`] from where the arm is then.
+    pub fn tour(
+        &self,
+        cell_from_cameras: impl IntoIterator<Item = Isometry3<f64>>,
+        obstacles: &Obstacles,
+        cell_from_object: &Isometry3<f64>,
+    ) -> Tour {
+        let (mut arm, mut tour, mut begun) = (self.clone(), Tour::default(), false);
+        for pose in cell_from_cameras {
+            let Ok(reached) = arm.to(&pose, obstacles, cell_from_object) else {
+                tour.unreached += 1;
+                continue;
+            };
+            tour.travel += if begun { reached.travel } else { 0.0 };
+            begun = true;
+            arm.config.joints = reached.joints.iter().map(|joint| joint.value).collect();
+        }
+        tour
     }
 }
 

@@ -67,7 +67,12 @@ fn scans_with_something_to_hold_them_come_back() {
     for (view, overlap) in outcome.views.iter().zip(&episode().overlaps) {
         assert!(view.given_m > 5e-4, "it was off: {view:?}");
         assert!(view.like_overlap <= overlap.expect("not empty") + 1e-9, "{view:?}");
-        assert!(view.lambda > 12.0 && view.left_m.expect("merged") < 8e-4, "held well: {view:?}");
+        let left = view.left_m.expect("merged");
+        assert!(view.lambda > 12.0 && left < 8e-4, "held well: {view:?}");
+        // Of the whole surface, where `left_m` is of what the scan shows.
+        let squared = |p: &Point3<f64>| (view.placed_from_true * p - p).norm_squared();
+        let all = (samples.iter().map(squared).sum::<f64>() / samples.len() as f64).sqrt();
+        assert!((0.6..1.7).contains(&(all / left)), "{all} of all, {left} of the scan");
     }
     assert!(outcome.left_m < 8e-4 && outcome.off_share == 0.0, "{outcome:?}");
     assert_eq!(episode(), episode(), "the same again");

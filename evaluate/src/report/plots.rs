@@ -3,6 +3,7 @@
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, mean};
+use crate::report::registration::FailureRow;
 use plotters::prelude::*;
 
 fn color(i: usize) -> RGBColor {
@@ -78,6 +79,65 @@ pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &
             .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))
             .draw()
+    })
+}
+
+/// Failures against what there was to register by, with 95 % intervals: overlaps on the left, lambda on the right.
+pub fn failure_curves(failures: &[FailureRow]) -> String {
+    let panels: [(&str, [(&str, &str); 2]); 2] = [
+        ("overlap, %", [("overlap", "overlap"), ("like_overlap", "overlap with like normals")]),
+        ("lambda", [("lambda", "lambda"), ("expected_lambda", "lambda expected before the scan")]),
+    ];
+    svg(1100, 460, |area| {
+        let halves = area.split_evenly((1, 2));
+        for (half, (title, curves)) in halves.iter().zip(&panels) {
+            let bins: Vec<&FailureRow> = failures.iter().filter(|row| row.by == curves[0].0).collect();
+            let name = |row: &FailureRow| match row.to {
+                Some(to) => format!("{} to {to}", row.from),
+                None => format!("from {}", row.from),
+            };
+            let mut chart = ChartBuilder::on(half)
+                .margin(12)
+                .x_label_area_size(42)
+                .y_label_area_size(52)
+                .build_cartesian_2d(-0.5..bins.len() as f64 - 0.5, 0.0..100.0)?;
+            chart
+                .configure_mesh()
+                .disable_x_mesh()
+                .x_labels(bins.len() + 2)
+                .x_label_formatter(&|x| {
+                    let bin = bins.get(x.round() as usize).filter(|_| (x - x.round()).abs() < 0.05 && *x > -0.4);
+                    bin.map(|row| name(row)).unwrap_or_default()
+                })
+                .x_desc(*title)
+                .y_desc("failed, %")
+                .draw()?;
+            for (i, (by, label)) in curves.iter().enumerate() {
+                let rows = failures.iter().filter(|row| row.by == *by).enumerate();
+                let points: Vec<(f64, f64, [f64; 2])> = rows
+                    .filter_map(|(k, row)| {
+                        let x = k as f64 + 0.12 * (2.0 * i as f64 - 1.0);
+                        Some((x, row.failed_percent?, row.interval()?))
+                    })
+                    .collect();
+                let style = color(i).stroke_width(2);
+                chart
+                    .draw_series(LineSeries::new(points.iter().map(|p| (p.0, p.1)), style))?
+                    .label(*label)
+                    .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], style));
+                chart.draw_series(points.iter().map(|p| Circle::new((p.0, p.1), 4, color(i).filled())))?;
+                chart.draw_series(
+                    points.iter().map(|(x, _, [low, high])| PathElement::new(vec![(*x, *low), (*x, *high)], color(i))),
+                )?;
+            }
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .background_style(WHITE.mix(0.85))
+                .border_style(BLACK.mix(0.3))
+                .draw()?;
+        }
+        Ok(())
     })
 }
 

@@ -93,6 +93,17 @@ pub struct FailureRow {
     pub left_median_mm: Option<f64>,
 }
 
+impl FailureRow {
+    /// The 95 % interval of [`Self::failed_percent`], as if scans were independent (Wilson 1927).
+    pub fn interval(&self) -> Option<[f64; 2]> {
+        const Z: f64 = 1.96;
+        let (share, n) = (self.failed_percent? / 100.0, self.scans as f64);
+        let middle = share + Z * Z / (2.0 * n);
+        let half = Z * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
+        Some([middle - half, middle + half].map(|x| 100.0 * x / (1.0 + Z * Z / n)))
+    }
+}
+
 impl Row for FailureRow {
     const HEADINGS: &'static [&'static str] = &["by", "from", "to", "scans", "failed %", "left mm, median"];
 

@@ -1,5 +1,6 @@
 //! The tables of a run.
 
+use super::arm::{self, ArmRow};
 use super::recorded::{self, ForecastRow, RecordedRow, StopRow};
 use super::registration::{self, FailureRow, RegistrationRow};
 use super::rows::{ObjectRow, PairedRow, PolicyRow, SkippedRow, TimeRow};
@@ -37,6 +38,9 @@ pub struct Rows {
     /// How scans were registered.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub registration: Vec<RegistrationRow>,
+    /// What views ask of an arm.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub arm: Vec<ArmRow>,
     /// How often that failed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub failures: Vec<FailureRow>,
@@ -60,6 +64,7 @@ impl Rows {
             forecasts: recorded::forecasts(contents, config, policies),
             stops: recorded::stops(contents, config, policies),
             registration: registration::rows(contents, config, policies),
+            arm: arm::rows(contents, config, policies),
             failures: registration::failures(contents),
         }
     }
@@ -89,6 +94,7 @@ impl Rows {
         list.extend((!self.stops.is_empty()).then(|| recorded::stop_table(&self.stops)));
         list.push(self.overall());
         list.extend(registration::tables(&self.registration, &self.failures));
+        list.extend((!self.arm.is_empty()).then(|| arm::table(&self.arm)));
         if !runs(contents, &config.baseline).is_empty() {
             list.push(Table::of(
                 &format!("Paired with {}", config.baseline),

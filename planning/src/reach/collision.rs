@@ -12,7 +12,8 @@ const DRAWN: usize = 64;
 /// Links that touch in such a share of them are built so.
 const BUILT_SO: f64 = 0.6;
 
-/// What stands in the way. Points are in the object's frame, boxes in the cell's.
+/// What stands in the way; by default nothing. Points are in the object's frame, boxes in the cell's.
+#[derive(Default)]
 pub struct Obstacles<'a> {
     /// Measured surface.
     pub measured: Option<(&'a [Point3<f64>], &'a NeighborGrid)>,

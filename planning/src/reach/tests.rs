@@ -49,6 +49,22 @@ fn the_camera_is_where_the_links_put_it() {
 }
 
 #[test]
+fn a_tour_adds_up_what_the_joints_travel_between_the_views_that_it_takes() {
+    let reach = Reach::new(&planar(3.0));
+    let at = |a: f64, b: f64| {
+        let mut joints = [0.0; MOST_JOINTS];
+        (joints[0], joints[1]) = (a, b);
+        reach.camera(&joints)
+    };
+    let far = Isometry3::translation(5.0, 0.0, 0.0);
+    let tour = |poses: Vec<Isometry3<f64>>| reach.tour(poses, &nothing(), &Isometry3::identity());
+    // 0.3 and 0.5 from the first to the second, then back half of it; the way to the first does not count.
+    let there = tour(vec![far, at(0.2, 0.4), at(0.5, 0.9), far, at(0.35, 0.65)]);
+    assert!((there.travel - 1.2).abs() < 1e-3 && there.unreached == 2, "{there:?}");
+    assert_eq!(tour(vec![far, at(0.2, 0.4)]), Tour { travel: 0.0, unreached: 1 });
+}
+
+#[test]
 fn the_flange_is_told_in_the_arms_base() {
     let cell_from_base = Isometry3::from_parts(
         Vector3::new(0.5, -0.2, 0.1).into(),

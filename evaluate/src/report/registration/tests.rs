@@ -6,6 +6,7 @@ use datagen::registration::Refused;
 
 fn view(left_mm: Option<f64>, lambda: f64) -> ViewRegistration {
     ViewRegistration {
+        placed_from_true: nalgebra::Isometry3::identity(),
         given_m: 0.003,
         left_m: left_mm.map(|mm| 1e-3 * mm),
         failed: left_mm.is_some_and(|mm| mm > 2.0),
@@ -62,4 +63,24 @@ fn runs_without_registration_have_no_such_tables() {
     let config = EvaluateConfig::default();
     assert!(rows(&plain, &config, &["p".to_owned()]).is_empty() && failures(&plain).is_empty());
     assert!(tables(&[], &[]).is_empty());
+}
+
+#[test]
+fn intervals_of_shares_are_wilsons() {
+    let row = |failed_percent, scans| FailureRow {
+        by: "lambda",
+        from: 0.0,
+        to: None,
+        scans,
+        failed_percent,
+        left_median_mm: None,
+    };
+    // Values of R's binom.confint(x, n, methods = "wilson").
+    for (failed, scans, [low, high]) in
+        [(0.0, 10, [0.0, 27.753]), (50.0, 10, [23.659, 76.341]), (4.0, 100, [1.566, 9.837])]
+    {
+        let [l, h] = row(Some(failed), scans).interval().expect("scans");
+        assert!((l - low).abs() < 5e-3 && (h - high).abs() < 5e-3, "{failed} % of {scans}: {l} {h}");
+    }
+    assert_eq!(row(None, 0).interval(), None);
 }
