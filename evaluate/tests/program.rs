@@ -103,7 +103,8 @@ fn an_arm_adds_its_joint_travel_and_what_it_cannot_take() {
     let base = "robot.cell_from_base=[[1,0,0,-0.65],[0,1,0,0],[0,0,1,-0.25],[0,0,0,1]]";
     let policies =
         ["--policies", "random-33", "--baseline", "random-33", "--distance", "0.45", "--json", "--out", "out"];
-    let arm = ["--robot", &urdf, "--tool", "tool0", "--set", base];
+    let eye = "robot.flange_from_camera=[[1,0,0,0],[0,1,0,0.05],[0,0,1,0.03],[0,0,0,1]]";
+    let arm = ["--robot", &urdf, "--tool", "tool0", "--set", base, "--set", eye];
     let (code, json, message) = run(directory.path(), &[&set[..], &policies, &arm].concat());
     assert_eq!(code, Some(0), "{message}");
     let rows: serde_json::Value = serde_json::from_str(&json).expect("JSON");
