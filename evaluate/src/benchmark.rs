@@ -15,7 +15,7 @@ use geometry::rng::stream;
 use geometry::{NeighborGrid, View};
 use nalgebra::Isometry3;
 use planning::reach::{Obstacles, Reach, Tour};
-use planning::{Planner, RobotConfig};
+use planning::{Planner, RankBy, RobotConfig};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -170,7 +170,8 @@ fn run_one(
         }
         (Body::Recorded(recording), Some(order)) => {
             let mut rng = stream(config.seed, &format!("episode/{}/{number}", object.name));
-            (ThreadTime::now(), replay(recording, order, number, &config.episode, &mut rng))
+            let rank_by = if config.volumetric.gain_only { RankBy::Gain } else { RankBy::Score };
+            (ThreadTime::now(), replay(recording, order, number, &config.episode, rank_by, &mut rng))
         }
         (Body::Recorded(_), None) => {
             return Err(PolicyError::NotOnRecordings { policy: policy.name().to_owned() }.into());

@@ -37,6 +37,8 @@ pub struct SessionConfig {
     pub seed: u64,
     /// Which planner: `auto`, `volumetric`, `benbv-net` or `farthest`.
     pub planner: PlannerName,
+    /// What views are ranked by.
+    pub rank_by: RankBy,
     /// Distance from target to camera in metres (method, 'Setting': 1.2).
     pub working_distance_m: f64,
     /// Working distances to choose from, smallest and largest, in metres; replaces `working_distance_m`.
@@ -85,6 +87,7 @@ impl Default for SessionConfig {
         Self {
             seed: 0,
             planner: PlannerName::Auto,
+            rank_by: RankBy::Score,
             working_distance_m: 1.2,
             working_distance_range_m: None,
             working_distance_steps: 3,
@@ -215,6 +218,17 @@ pub struct ConfigError {
     pub found: String,
     /// What is allowed.
     pub expected: &'static str,
+}
+
+/// What the views of a session are ranked by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RankBy {
+    /// The planner's score, which weighs coverage and overlap.
+    #[default]
+    Score,
+    /// The expected gain alone, where the planner predicts it: for scans that need no overlap, since their poses are exact.
+    Gain,
 }
 
 /// A planner's name on the command line.

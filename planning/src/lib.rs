@@ -57,7 +57,7 @@ pub use accumulate::Accumulate;
 pub use answer::{Answer, Candidate};
 pub use budget::{Budget, Left, Stopped};
 pub use candidates::{Angles, CandidateConfig, CandidateView, Observation, candidate_views};
-pub use config::{ConfigError, PlannerName, SessionConfig};
+pub use config::{ConfigError, PlannerName, RankBy, SessionConfig};
 pub use constraints::{Constraint, ConstraintsConfig};
 #[cfg(test)]
 use geometry::PointCloud;

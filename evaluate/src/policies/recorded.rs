@@ -4,7 +4,7 @@ use super::name::{Kind, Policy};
 use crate::record::Forecast;
 use datagen::{Episode, EpisodeConfig, EpisodeError, EpisodeEvidence, Progress, Recording, Stage, run_session};
 use geometry::View;
-use planning::{PlanError, PlannerName, RankedView, Session, SessionConfig, SessionError};
+use planning::{PlanError, PlannerName, RankBy, RankedView, Session, SessionConfig, SessionError};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -64,7 +64,7 @@ pub fn start(number: usize, scans: usize) -> usize {
     number * stride % scans.max(1)
 }
 
-/// One episode on a recording, and what the session expected at each decision.
+/// One episode on a recording, and what the session expected at each decision; `rank_by` is what a session ranks by.
 ///
 /// # Errors
 /// A scan that the session refuses, a decision that fails.
@@ -73,6 +73,7 @@ pub fn replay(
     order: Order,
     number: usize,
     config: &EpisodeConfig,
+    rank_by: RankBy,
     rng: &mut ChaCha8Rng,
 ) -> Result<(Episode, Vec<Forecast>), EpisodeError> {
     let start = start(number, recording.len());
@@ -92,7 +93,8 @@ pub fn replay(
     };
     let best = EVIDENCE.iter().map(|(_, e)| *e).find(|e| recording.has(*e));
     let evidence = evidence.or(best).unwrap_or(EpisodeEvidence::Clouds);
-    let settings = SessionConfig { planner, tolerance_m: config.tolerance_m, ..recording.session_config(evidence) };
+    let settings =
+        SessionConfig { planner, rank_by, tolerance_m: config.tolerance_m, ..recording.session_config(evidence) };
     let failed = |index, error: String| EpisodeError::Plan { index, error: PlanError::failed("session", error) };
     let mut session = Session::new(settings, None).map_err(|e| failed(0, e.to_string()))?;
     session.set_given_views(recording.poses());

@@ -1,7 +1,7 @@
 //! What a planner says of a session's state, asked once for all requests.
 
 use super::SessionError;
-use crate::config::{PlannerName, SessionConfig};
+use crate::config::{PlannerName, RankBy, SessionConfig};
 use crate::planners::auto::AutoPlanner;
 use crate::{PlanError, RankedView, ScanState};
 use geometry::{BoundaryConfig, boundary_points, rng};
@@ -72,6 +72,9 @@ fn rank_all(
     if views.is_empty() && boundary > 0 && state.given_views.is_empty() {
         let why = format!("none of the {boundary} boundary points has a normal to look along");
         return Err(PlanError::no_view(planner.as_str(), why).into());
+    }
+    if config.rank_by == RankBy::Gain {
+        views.iter_mut().for_each(|(view, _)| view.score = view.gain.unwrap_or(view.score));
     }
     Ok(Ranking { views, boundary, complete })
 }

@@ -3,7 +3,7 @@ use crate::Reading;
 use crate::Unseen;
 use crate::constraints::Objection;
 use crate::stop::Missing;
-use crate::{Left, PlannerName, Stopped};
+use crate::{Left, PlannerName, RankBy, Stopped};
 use geometry::View;
 use nalgebra::Vector3;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -35,6 +35,28 @@ fn stop_asks_all_views_that_may_be_taken() {
     let unknown = Stop::judge(&candidates, 0.1);
     assert!(!unknown.stop && unknown.expected_gain.is_none(), "no prediction is no reason to end: {unknown:?}");
     assert!(Stop::judge(&[], 0.0).stop, "no view is left");
+}
+
+#[test]
+fn ranked_by_gain_the_first_view_is_the_one_expected_to_add_the_most() {
+    let candidates = |rank_by, planner| {
+        let config = SessionConfig { rank_by, planner, ..Default::default() };
+        session(40, config).next_view().expect("an answer").candidates
+    };
+    let gains =
+        |candidates: &[Candidate]| candidates.iter().map(|c| c.expected_gain.expect("predicted")).collect::<Vec<_>>();
+    let by_score = candidates(RankBy::Score, PlannerName::Volumetric);
+    let by_gain = candidates(RankBy::Gain, PlannerName::Volumetric);
+    let falling = |gains: &[f64]| gains.windows(2).all(|pair| pair[0] >= pair[1]);
+    assert!(falling(&gains(&by_gain)) && !falling(&gains(&by_score)), "{:?}", gains(&by_score));
+    assert!(by_gain.iter().all(|c| c.score == c.expected_gain.expect("predicted")));
+    let sorted = |mut gains: Vec<f64>| {
+        gains.sort_by(f64::total_cmp);
+        gains
+    };
+    assert_eq!(sorted(gains(&by_gain)), sorted(gains(&by_score)), "the same views");
+    let farthest = |rank_by| candidates(rank_by, PlannerName::Farthest);
+    assert_eq!(farthest(RankBy::Gain), farthest(RankBy::Score), "it predicts no gain");
 }
 
 #[test]
