@@ -7,10 +7,11 @@
 //! DIR/3/scan-0001      a line with the settings that the scan came under, then the request as it came
 //! ```
 //!
-//! Each file is written beside its place, synced and renamed. `session.toml` is written last: what it does not count is not there.
+//! Each file begins with its checksum; those of version 1 had none. Each file is written beside its place, synced and renamed. `session.toml` is written last: what it does not count is not there.
 
 use super::Refusal;
 use super::answers::Kept;
+use formats::checksum;
 use formats::config::to_toml;
 use formats::run::atomic_write;
 use planning::SessionConfig;
@@ -21,7 +22,13 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Of the files.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+/// Of those that had no checksum.
+const UNSEALED: u32 = 1;
+/// What stands before the digits of the checksum: at the beginning, so that a file cut short is noticed too.
+const SEAL: &[u8] = b"# sha256 = \"";
+const SCAN_SEAL: &[u8] = b"{\"sha256\":\"";
+const WAY_OUT: &str = "restore the file, or delete the session's folder";
 /// Settings and answers take less, bytes.
 const RECORD: u64 = 8 << 20;
 /// Names that may have been given where nothing tells any more which were.
@@ -83,6 +90,9 @@ pub struct Written {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ScanHead {
+    /// First, as [`SCAN_SEAL`] expects.
+    #[serde(default)]
+    sha256: String,
     version: u32,
     line: bool,
     /// As TOML, whose numbers are exact.
@@ -104,14 +114,22 @@ pub enum StoreError {
         source: std::io::Error,
     },
     /// Not as it is written here.
-    #[error("{path:?}: {reason}: restore the file, or delete the session's folder")]
+    #[error("{path:?}: {reason}: {WAY_OUT}")]
     Damaged {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
     },
-    /// It cannot be written.
+    /// Of another program.
+    #[error("{path:?}: version {found}, expected {VERSION}: use the program that wrote it, or another folder")]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+    },
+    /// It cannot be written, or is not what was written.
     #[error(transparent)]
     Write(#[from] formats::FormatError),
     /// Settings that TOML cannot say.
@@ -134,11 +152,32 @@ fn damaged(path: &Path, reason: impl ToString) -> StoreError {
     StoreError::Damaged { path: path.to_owned(), reason: reason.to_string().trim_end().replace('\n', " ") }
 }
 
-fn version(path: &Path, found: u32) -> Result<(), StoreError> {
-    match found {
-        VERSION => Ok(()),
-        _ => Err(damaged(path, format!("version {found}, expected {VERSION}"))),
+fn version(path: &Path, found: u32, sealed: bool) -> Result<(), StoreError> {
+    match (found, sealed) {
+        (VERSION, true) => Ok(()),
+        (VERSION, false) => Err(damaged(path, "no checksum")),
+        (UNSEALED, false) => {
+            tracing::warn!("{path:?} has no checksum: an older program wrote it; damage would go unnoticed");
+            Ok(())
+        }
+        _ => Err(StoreError::Version { path: path.to_owned(), found }),
     }
+}
+
+/// These settings with their checksum.
+fn sealed(text: &str) -> Vec<u8> {
+    let mut bytes = [SEAL, checksum::UNKNOWN.as_bytes(), b"\"\n", text.as_bytes()].concat();
+    checksum::seal(&mut bytes, SEAL);
+    bytes
+}
+
+/// Whether the bytes have a checksum; it is that of these bytes.
+fn is_sealed(path: &Path, bytes: &[u8], key: &[u8]) -> Result<bool, StoreError> {
+    let sealed = bytes.starts_with(key);
+    if sealed {
+        checksum::check(path, bytes, key, WAY_OUT)?;
+    }
+    Ok(sealed)
 }
 
 /// Bytes of a regular file: of what else may lie there, none is opened.
@@ -147,13 +186,15 @@ fn size(path: &Path) -> Result<u64, StoreError> {
     if about.is_file() { Ok(about.len()) } else { Err(damaged(path, "not a regular file")) }
 }
 
-fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
+fn read_toml<T: DeserializeOwned>(path: &Path, version_of: fn(&T) -> u32) -> Result<T, StoreError> {
     let size = size(path)?;
     if size > RECORD {
         return Err(damaged(path, format!("{} MiB, and no such file is larger than {}", size >> 20, RECORD >> 20)));
     }
     let text = fs::read_to_string(path).map_err(io(path))?;
-    toml::from_str(&text).map_err(|e| damaged(path, e))
+    let sealed = is_sealed(path, text.as_bytes(), SEAL)?;
+    let read = toml::from_str(&text).map_err(|e| damaged(path, e))?;
+    version(path, version_of(&read), sealed).map(|()| read)
 }
 
 impl Store {
@@ -175,11 +216,9 @@ impl Store {
         let mut last = 0;
         let mut forgotten = false;
         if fs::exists(&at).map_err(io(&at))? {
-            match read_toml::<State>(&at) {
-                Ok(state) => {
-                    version(&at, state.version)?;
-                    last = state.last;
-                }
+            match read_toml(&at, |state: &State| state.version) {
+                Ok(state) => last = state.last,
+                Err(error @ StoreError::Version { .. }) => return Err(error),
                 Err(error) => {
                     tracing::warn!("{error}; new sessions get names that no older one can have had");
                     forgotten = true;
@@ -217,10 +256,10 @@ impl Store {
     /// It cannot be written.
     pub fn create(&self, id: u64, record: &Record) -> Result<(), StoreError> {
         let state = toml::to_string(&State { version: VERSION, last: id }).map_err(|e| damaged(&self.folder, e))?;
-        atomic_write(&self.folder.join("state.toml"), state.as_bytes())?;
+        atomic_write(&self.folder.join("state.toml"), &sealed(&state))?;
         let folder = self.folder.join(id.to_string());
         fs::create_dir_all(&folder).map_err(io(&folder))?;
-        Ok(atomic_write(&self.record_path(id), to_toml(record)?.as_bytes())?)
+        Ok(atomic_write(&self.record_path(id), &sealed(&to_toml(record)?))?)
     }
 
     /// The session as it is now, `scan` being its last one if that is new.
@@ -233,14 +272,16 @@ impl Store {
             return Err(damaged(&known, "it is gone"));
         }
         if let Some(Written { line, bytes }) = scan {
-            let head = ScanHead { version: VERSION, line: *line, config: to_toml(&record.config)? };
+            let sha256 = checksum::UNKNOWN.to_owned();
+            let head = ScanHead { sha256, version: VERSION, line: *line, config: to_toml(&record.config)? };
             let path = self.scan_path(id, record.scans);
             let mut text = serde_json::to_vec(&head).map_err(|e| damaged(&path, e))?;
             text.push(b'\n');
             text.extend_from_slice(bytes);
+            checksum::seal(&mut text, SCAN_SEAL);
             atomic_write(&path, &text)?;
         }
-        atomic_write(&self.record_path(id), to_toml(record)?.as_bytes())?;
+        atomic_write(&self.record_path(id), &sealed(&to_toml(record)?))?;
         let mut next = record.scans + 1;
         while fs::remove_file(self.scan_path(id, next)).is_ok() {
             next += 1;
@@ -253,9 +294,7 @@ impl Store {
     /// # Errors
     /// It cannot be read.
     pub fn record(&self, id: u64) -> Result<Record, StoreError> {
-        let at = self.record_path(id);
-        let record: Record = read_toml(&at)?;
-        version(&at, record.version).map(|()| record)
+        read_toml(&self.record_path(id), |record: &Record| record.version)
     }
 
     /// Bytes of a scan with its settings, of a body of at most `body`.
@@ -278,9 +317,10 @@ impl Store {
     pub fn scan(&self, id: u64, number: usize) -> Result<(SessionConfig, Written), StoreError> {
         let path = self.scan_path(id, number);
         let text = fs::read(&path).map_err(io(&path))?;
+        let sealed = is_sealed(&path, &text, SCAN_SEAL)?;
         let end = text.iter().position(|b| *b == b'\n').ok_or_else(|| damaged(&path, "no first line"))?;
         let head: ScanHead = serde_json::from_slice(&text[..end]).map_err(|e| damaged(&path, e))?;
-        version(&path, head.version)?;
+        version(&path, head.version, sealed)?;
         let config = toml::from_str(&head.config).map_err(|e| damaged(&path, e))?;
         Ok((config, Written { line: head.line, bytes: text[end + 1..].to_vec() }))
     }
