@@ -56,7 +56,9 @@ def node():
 def robot(request, transforms, node):
     made = Robot(reliable=getattr(request, "param", False))
     made.wait()
-    send(made, cloud(np.zeros((1, 3))))  # From here on the node hears this publisher, so that what is sent once arrives.
+    # Once one scan has come and been used, the node hears this publisher, and what is sent once arrives.
+    send(made, cloud(scene(100, CAMERA), frame="base_link"))
+    made.plan()
     made.call("reset")
     time.sleep(0.3)
     yield made
