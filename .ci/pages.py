@@ -1,6 +1,6 @@
 """Opens the programs' pages in a real browser: no errors, something drawn, keyboard, dark, phone, and no WebGL.
 
-Use: python pages.py PICTURES REPORT LOOP EVALUATION TRAINING      (called by .ci/pages)
+Use: python pages.py PICTURES REPORT LOOP EVALUATION REGISTRATION TRAINING      (called by .ci/pages)
 Needs Chromium and playwright. Writes the pictures that the README shows into PICTURES.
 """
 
@@ -15,10 +15,13 @@ COLORS = """() => { const c = document.querySelector('canvas'), gl = c.getContex
   gl.readPixels(0, 0, c.width, c.height, gl.RGBA, gl.UNSIGNED_BYTE, p);
   const seen = new Set(); for (let i = 0; i < p.length; i += 4) seen.add(p[i] << 16 | p[i + 1] << 8 | p[i + 2]); return seen.size; }"""
 
+# The view whose scan failed to register.
+FAILED = "const f = document.getElementById('step'); f.value = DATA.failed.indexOf(true) + 1; f.oninput()"
 
-def main(pictures, report, loop, evaluation, training):
+
+def main(pictures, report, loop, evaluation, registration, training):
     pictures = pathlib.Path(pictures)
-    pages = {"report": report, "loop": loop, "evaluation": evaluation, "training": training}
+    pages = {"report": report, "loop": loop, "evaluation": evaluation, "registration": registration, "training": training}
     failures = []
 
     def check(holds, what):
@@ -56,13 +59,18 @@ def main(pictures, report, loop, evaluation, training):
                     was = page.evaluate(chosen)
                     page.keyboard.press("n")
                     check(page.evaluate(chosen) == was + 1, f"{what}: n chooses the next candidate")
-                if name in ("loop", "evaluation"):
+                if name == "registration":
+                    page.evaluate(FAILED)
+                    check("failed, " in page.inner_text("#caption"), f"{what}: the failed scan is named as it comes")
+                if name in ("loop", "evaluation", "registration"):
                     page.evaluate("const s = document.getElementById('step'); s.value = 1; s.oninput()")
                     check("1" in page.inner_text("#caption"), f"{what}: the slider goes back to the first view")
                 page.close()
             page = browser.new_page(viewport={"width": 1280, "height": 760})
             page.goto(pathlib.Path(path).absolute().as_uri())
-            if name == "evaluation":
+            if name == "registration":
+                page.evaluate(FAILED)
+            if name in ("evaluation", "registration"):
                 page.evaluate("document.querySelector('canvas').scrollIntoView({block: 'center'})")
             page.wait_for_timeout(500)
             page.screenshot(path=pictures / f"{name}.png")
