@@ -48,7 +48,7 @@ struct Object {
     name: String,
 }
 
-/// What became of one decision.
+/// The outcome of one decision.
 struct Outcome {
     told: f64,
     truth: f64,

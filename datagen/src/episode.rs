@@ -56,7 +56,7 @@ pub struct Episode {
     pub void_draws: usize,
     /// Why it ended.
     pub end: End,
-    /// What became of the scans, where they have to be registered.
+    /// How the scans were registered, if they had to be.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<RegistrationOutcome>,
     /// Wall time of each decision, seconds: not an output that repeats.

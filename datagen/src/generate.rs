@@ -66,7 +66,7 @@ impl Part {
     pub const WHOLE: Part = Part { index: 0, count: 1 };
 }
 
-/// What became of the objects of this process.
+/// The outcome for the objects of this process.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Summary {
     /// Shards written now.

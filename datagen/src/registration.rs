@@ -1,4 +1,4 @@
-//! Episodes whose scans have to be registered: how far off they are given, and what became of each.
+//! Episodes whose scans have to be registered: how far off they are given, and how each was registered.
 
 use crate::pose_error::disturbance;
 use crate::world::Shot;
@@ -114,7 +114,7 @@ impl Displacements {
     }
 }
 
-/// What became of a scan.
+/// The outcome of a scan.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ViewRegistration {
     /// Root mean square distance of its points, as given, from where they are, metres.
@@ -181,7 +181,7 @@ impl From<&Unsafe> for Refused {
     }
 }
 
-/// What became of the scans of an episode.
+/// The outcomes of an episode's scans.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RegistrationOutcome {
     /// One per next view.
@@ -334,7 +334,7 @@ impl Placed {
         self.truth = averaged(&self.truth, &next, grid_size, origin);
     }
 
-    /// What became of all.
+    /// The outcomes so far.
     pub fn outcome(&self) -> RegistrationOutcome {
         let points = self.points.max(1) as f64;
         RegistrationOutcome {

@@ -238,7 +238,7 @@ impl<'a> World<'a> {
         self.placed.as_ref().map_or(&[], |placed| &placed.sound.points)
     }
 
-    /// What became of the scans, where they have to be registered.
+    /// How the scans were registered, if they had to be.
     pub fn registration(&self) -> Option<RegistrationOutcome> {
         self.placed.as_ref().map(Placed::outcome)
     }

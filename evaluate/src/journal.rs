@@ -234,7 +234,7 @@ fn opened(line: &str) -> Result<Cow<'_, str>, String> {
 
 fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, JournalError> {
     let mut contents = Contents::default();
-    // What became of an episode at last: it may have been tried again.
+    // The final outcome of an episode: it may have been tried again.
     let mut was_run: BTreeMap<EpisodeKey, bool> = BTreeMap::new();
     let unsealed = text.lines().filter(|line| !line.starts_with(SUM)).count();
     if unsealed > 0 {

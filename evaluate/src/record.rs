@@ -54,7 +54,7 @@ pub struct EpisodeRecord {
     /// What was expected at each decision, on recordings by policies that expect anything.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub forecasts: Vec<Forecast>,
-    /// What became of the scans, where they have to be registered.
+    /// How the scans were registered, if they had to be.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<RegistrationOutcome>,
     /// An arm's way through the views, where the settings have an arm.

@@ -1,4 +1,4 @@
-//! What became of every object of a set; `manifest.json` beside the shards.
+//! The outcome for every object of a set; `manifest.json` beside the shards.
 
 use crate::error::{Place, REMAKE};
 use crate::run::atomic_write;

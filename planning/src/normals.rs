@@ -13,7 +13,7 @@ const LEAST_AGREEING_ALIKE: f64 = 0.9;
 /// Lengths between which a given normal is kept as it is; averages are shorter than one.
 const LENGTHS: std::ops::Range<f64> = 0.5..1.05;
 
-/// What became of the normals given.
+/// How the given normals were used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Settled {
     /// Whether the signs are known from them.

@@ -55,7 +55,7 @@ pub struct Moving<'a> {
     pub footprint_m2: f64,
 }
 
-/// What became of a registration.
+/// The outcome of a registration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Registered {
     /// Moves the scan from where the pose given puts it onto the cloud.

@@ -31,7 +31,7 @@ pub const SMALLEST_M: f64 = 1e-6;
 /// Why a scan cannot be planned on.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Refusal {
-    /// What became of its points.
+    /// What was done with its points.
     TooFew(ScanReport),
     /// How large it is, metres.
     TooSmall(f64),
@@ -83,7 +83,7 @@ pub struct Reading {
     pub table_angle_deg: Option<f64>,
 }
 
-/// What became of a scan's points.
+/// What was done with a scan's points.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ScanReport {
     /// Points given.

@@ -23,7 +23,7 @@ pub struct SensorConfig {
 /// mixed: a surface would be met at 83 degrees.
 const JUMP: f64 = 8.0;
 
-/// What became of the pixels of an image.
+/// What was done with the pixels of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dropped {
     pub range: usize,

@@ -165,7 +165,7 @@ impl Session {
         Ok(())
     }
 
-    /// Adds a scan and says what became of its points.
+    /// Adds a scan and reports what was done with its points.
     ///
     /// # Errors
     /// Too few usable points, or a scan that is to be registered and does not fit: the session stays as it was.

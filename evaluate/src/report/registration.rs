@@ -156,7 +156,7 @@ fn row(policy: &str, runs: &Runs, config: &EvaluateConfig) -> RegistrationRow {
     }
 }
 
-/// The next views of an episode, each with its number from 0 and what became of it.
+/// The next views of an episode, each with its number from 0 and its outcome.
 fn views_of(record: &EpisodeRecord) -> impl Iterator<Item = (&EpisodeRecord, usize, &ViewRegistration)> {
     let views = record.registration.iter().flat_map(|outcome| &outcome.views);
     views.enumerate().map(move |(i, view)| (record, i, view))

@@ -30,12 +30,12 @@ pub fn choose<'a>(
     find(&failed).or_else(|| find(&|_| true))
 }
 
-/// What became of view `i`, the first scan being 0.
+/// How view `i` was registered, the first scan being 0.
 fn registered(record: &EpisodeRecord, i: usize) -> Option<&ViewRegistration> {
     record.registration.as_ref()?.views.get(i.checked_sub(1)?)
 }
 
-/// What became of it, for readers; empty where nothing was registered.
+/// The same in words; empty where nothing was registered.
 fn note(record: &EpisodeRecord, i: usize) -> String {
     let Some(found) = registered(record, i) else { return String::new() };
     let fate = match (found.left_m, found.refused) {

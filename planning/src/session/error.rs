@@ -21,7 +21,7 @@ pub enum SessionError {
     /// A scan with too few usable points.
     #[error("too few points to plan on: {}, at least {least} are needed", report.describe())]
     TooFewPoints {
-        /// What became of them.
+        /// What was done with them.
         report: Box<ScanReport>,
         /// The setting `min_points`.
         least: usize,

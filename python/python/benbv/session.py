@@ -41,7 +41,7 @@ def split(config: Config) -> tuple[str | PathLike[str] | None, dict[str, Any]]:
 
 @dataclass(frozen=True)
 class ScanReport:
-    """What became of a scan."""
+    """What was done with a scan."""
 
     scans: int
     """Scans of the session now."""
