@@ -93,8 +93,8 @@ pub fn replay(
     };
     let best = EVIDENCE.iter().map(|(_, e)| *e).find(|e| recording.has(*e));
     let evidence = evidence.or(best).unwrap_or(EpisodeEvidence::Clouds);
-    let settings =
-        SessionConfig { planner, rank_by, tolerance_m: config.tolerance_m, ..recording.session_config(evidence) };
+    let tolerance_m = recording.tolerance_m();
+    let settings = SessionConfig { planner, rank_by, tolerance_m, ..recording.session_config(evidence) };
     let failed = |index, error: String| EpisodeError::Plan { index, error: PlanError::failed("session", error) };
     let mut session = Session::new(settings, None).map_err(|e| failed(0, e.to_string()))?;
     session.set_given_views(recording.poses());
