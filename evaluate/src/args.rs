@@ -4,7 +4,7 @@ use crate::config::{EvaluateConfig, PaperConfig};
 use clap::Parser;
 use formats::config::Flag;
 use formats::program::{CommonArgs, EXIT_CODES, length};
-use formats::urdf::read_urdf;
+use formats::urdf::{UrdfArm, read_urdf};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -80,7 +80,11 @@ impl Args {
     /// The settings: defaults or the publication's, then the file, then `--set`, then flags.
     pub fn settings(&self) -> anyhow::Result<EvaluateConfig> {
         let arm = match (&self.robot, &self.tool) {
-            (Some(file), Some(tool)) => Some(toml::Value::try_from(read_urdf(file, tool)?.arm)?),
+            (Some(file), Some(tool)) => {
+                let UrdfArm { arm, notes } = read_urdf(file, tool)?;
+                notes.iter().for_each(|note| tracing::warn!("{file:?}: {note}"));
+                Some(toml::Value::try_from(arm)?)
+            }
             _ => None,
         };
         let flags = [
