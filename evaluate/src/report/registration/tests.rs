@@ -75,7 +75,7 @@ fn intervals_of_shares_are_wilsons() {
         failed_percent,
         left_median_mm: None,
     };
-    // Values of R's binom.confint(x, n, methods = "wilson").
+    // The roots p of |share - p| = 1.96 sqrt(p (1 - p) / n), by bisection.
     for (failed, scans, [low, high]) in
         [(0.0, 10, [0.0, 27.753]), (50.0, 10, [23.659, 76.341]), (4.0, 100, [1.566, 9.837])]
     {
