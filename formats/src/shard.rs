@@ -61,6 +61,7 @@ impl Sample {
             candidates: &self.candidates,
             view_order: self.scan_index,
             working_distance: self.working_distance,
+            cameras: self.cameras.iter().map(|c| c.translation.vector.into()).collect(),
         }
     }
 

@@ -31,7 +31,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut table = |columns| Tensor::<2>::from_data(random(&[batch, columns]), &device);
     let (density, view_order, target) = (table(20), table(1), table(20));
     let counts = vec![20; batch];
-    let input = NetInput { points: cloud, normals, targets, directions, density, view_order, counts: counts.clone() };
+    let input = NetInput {
+        points: cloud,
+        normals,
+        targets,
+        directions,
+        density,
+        view_order,
+        past: None,
+        counts: counts.clone(),
+    };
 
     let training = mode == "train";
     let mut optimizer = AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(0.01).init();

@@ -23,8 +23,26 @@ pub struct NetInput {
     pub density: Tensor<2>,
     /// Number of scans done minus one, [B, 1].
     pub view_order: Tensor<2>,
+    /// Past cameras; none where no sample knows any.
+    pub past: Option<PastCameras>,
     /// Real candidates per sample, 1..=K, the first ones of its row; the rest is padding.
     pub counts: Vec<usize>,
+}
+
+/// Where a batch was scanned from.
+#[derive(Clone, Debug)]
+pub struct PastCameras {
+    /// Beside each candidate: the unit vector from its target to the past camera minus that to its own position,
+    /// [B, K, V, 3]. Samples with fewer cameras repeat theirs, which changes no maximum.
+    pub offsets: Tensor<4>,
+    /// 1 for samples whose past cameras are known, else 0, [B, 1].
+    pub known: Tensor<2>,
+}
+
+impl PastCameras {
+    fn to_device(self, device: &Device) -> Self {
+        Self { offsets: self.offsets.to_device(device), known: self.known.to_device(device) }
+    }
 }
 
 impl NetInput {
@@ -51,6 +69,7 @@ impl NetInput {
             directions: self.directions.to_device(device),
             density: self.density.to_device(device),
             view_order: self.view_order.to_device(device),
+            past: self.past.map(|past| past.to_device(device)),
             counts: self.counts,
         }
     }
@@ -66,6 +85,8 @@ pub struct BenbvNet {
     feat_normal: EncoderBn,
     feat_density: EncoderLn,
     feat_view: EncoderLn,
+    /// Not in the published network; empty there.
+    past_feat: Vec<LinearBn>,
     dv_fusion: LinearLn,
     main_branch: (LinearBn, ResBlock, LinearBn, ResBlock, LinearBn, ResBlock),
     pre_attention: LinearLn,
@@ -89,7 +110,6 @@ impl BenbvNetConfig {
         let linear_bn = |i, o| (linear(i, o), blocks::batch_norm_layer(o, device));
         let linear_ln = |i, o| (linear(i, o), blocks::layer_norm(o, device));
         let global = self.global_width();
-        let boundary = 2 * self.boundary_widths[1];
         let context = self.context_widths[1];
         let [t0, t1, t2] = self.trunk_widths;
         BenbvNet {
@@ -100,9 +120,10 @@ impl BenbvNetConfig {
             feat_normal: blocks::encoder_bn(3, self.boundary_widths, device),
             feat_density: blocks::encoder_ln(1, self.context_widths, device),
             feat_view: blocks::encoder_ln(1, self.context_widths, device),
+            past_feat: blocks::shared_mlp(3, &self.past_widths, device),
             dv_fusion: linear_ln(2 * context, context),
             main_branch: (
-                linear_bn(global + boundary, t0),
+                linear_bn(global + self.candidate_width(), t0),
                 ResBlock::new(t0, device),
                 linear_bn(t0, t1),
                 ResBlock::new(t1, device),
@@ -143,13 +164,14 @@ impl BenbvNet {
 
         let global = self.global_feature(input.points, input.normals); // [B, G]
         let pack = |x: Tensor<3>| rows.pack(x.reshape([b * k, 3])); // [B, K, 3] -> [R, 3], R real candidates
-        let boundary = Tensor::cat(
-            vec![
-                blocks::encode_bn(&self.feat_pos, pack(input.targets)),
-                blocks::encode_bn(&self.feat_normal, pack(input.directions)),
-            ],
-            1,
-        ); // [R, 2W]
+        let mut boundary = vec![
+            blocks::encode_bn(&self.feat_pos, pack(input.targets)),
+            blocks::encode_bn(&self.feat_normal, pack(input.directions)),
+        ];
+        if !self.past_feat.is_empty() {
+            boundary.push(self.past_feature(input.past, &rows, boundary[0].dims()[0]));
+        }
+        let boundary = Tensor::cat(boundary, 1); // [R, 2W + P]
         let trunk = self.trunk(global, boundary, &rows); // [R, T]
         let [_, t] = trunk.dims();
         let trunk = rows.unpack(trunk).reshape([b, k, t]); // [B, K, T]
@@ -180,12 +202,24 @@ impl BenbvNet {
         blocks::linear_ln_relu(&self.global_fusion.0, &self.global_fusion.1, both)
     }
 
+    /// Shared MLP over a candidate's past cameras and the maximum over them: [B, K, V, 3] -> [R, P]; 0 where they are
+    /// not known.
+    fn past_feature(&self, past: Option<PastCameras>, rows: &PackedRows, r: usize) -> Tensor<2> {
+        let Some(PastCameras { offsets, known }) = past else {
+            let width = self.past_feat.last().map_or(0, |(linear, _)| linear.weight.dims()[1]);
+            return Tensor::zeros([r, width], &self.norm1.gamma.device().inner());
+        };
+        let [b, k, v, _] = offsets.dims();
+        let offsets = rows.pack(offsets.reshape([b * k, 3 * v])).reshape([r, v, 3]);
+        shared_mlp::shared_mlp_max(&self.past_feat, offsets) * rows.per_candidate(known)
+    }
+
     /// The three stages of the trunk on concat(global, boundary): -> [R, T]. The first layer's product with the
     /// global feature is the same for all candidates of a sample, so it is taken once per sample.
     fn trunk(&self, global: Tensor<2>, boundary: Tensor<2>, rows: &PackedRows) -> Tensor<2> {
         let (first, res0, second, res1, third, res2) = &self.main_branch;
         let ([_, g], [_, w]) = (global.dims(), boundary.dims());
-        let weight = first.0.weight.val(); // [G+2W, T0]
+        let weight = first.0.weight.val(); // [G+2W+P, T0]
         let shared = global.matmul(weight.clone().narrow(0, 0, g)); // [B, T0]
         let shared = match &first.0.bias {
             Some(bias) => shared + bias.val().unsqueeze::<2>(),

@@ -19,6 +19,9 @@ pub struct BenbvNetConfig {
     pub boundary_widths: [usize; 2],
     /// Output channels of the encoders of density and view order; the last is also that of their fusion.
     pub context_widths: [usize; 2],
+    /// Output channels of the shared MLP over past cameras (at most six layers); empty: the network is not told of them
+    /// (published).
+    pub past_widths: Vec<usize>,
     /// Channels of the trunk's three stages.
     pub trunk_widths: [usize; 3],
     /// Channels of the attention over candidates.
@@ -95,6 +98,7 @@ impl BenbvNetConfig {
             normal_widths: vec![64, 128, 256, 512],
             boundary_widths: [64, 128],
             context_widths: [32, 128],
+            past_widths: Vec::new(),
             trunk_widths: [512, 256, 128],
             attention_width: 256,
             heads: 4,
@@ -127,6 +131,7 @@ impl BenbvNetConfig {
             normal_widths: vec![8, 16],
             boundary_widths: [8, 8],
             context_widths: [4, 8],
+            past_widths: Vec::new(),
             trunk_widths: [16, 16, 8],
             attention_width: 16,
             heads: 4,
@@ -150,6 +155,11 @@ impl BenbvNetConfig {
         self.position_widths.last().copied().unwrap_or(0) + self.normal_widths.last().copied().unwrap_or(0)
     }
 
+    /// Channels that tell of a candidate by itself: its target, its direction, and past cameras.
+    pub(crate) fn candidate_width(&self) -> usize {
+        2 * self.boundary_widths[1] + self.past_widths.last().copied().unwrap_or(0)
+    }
+
     /// Weights that a network of these sizes has at the very least: its matrices, without biases and norms.
     pub(crate) fn least_weights(&self) -> f64 {
         let chain = |first: f64, widths: &[usize]| {
@@ -157,14 +167,14 @@ impl BenbvNetConfig {
             widths.fold((first, 0.0), |(input, sum), output| (output, sum + input * output)).1
         };
         let global = self.global_width() as f64;
-        let boundary = 2.0 * self.boundary_widths[1] as f64;
         let attention = self.attention_width as f64;
         chain(3.0, &self.position_widths)
             + chain(3.0, &self.normal_widths)
             + global * global
             + 2.0 * chain(3.0, &self.boundary_widths)
             + 2.0 * chain(1.0, &self.context_widths)
-            + chain(global + boundary, &self.trunk_widths)
+            + chain(3.0, &self.past_widths)
+            + chain(global + self.candidate_width() as f64, &self.trunk_widths)
             + 4.0 * attention * attention
             + attention * self.head_width as f64
     }
@@ -186,8 +196,15 @@ impl BenbvNetConfig {
         if let Some((key, found)) = widths.iter().find(|(_, w)| w.is_empty() || w.contains(&0)) {
             return Err(SizeError::Zero { key, found: found.to_vec() });
         }
+        if self.past_widths.contains(&0) {
+            return Err(SizeError::Zero { key: "past_widths", found: self.past_widths.clone() });
+        }
         // A limit far above any use: a mistyped width must not ask for terabytes.
-        if let Some((key, found)) = widths.iter().find(|(_, w)| w.iter().any(|&w| w > MOST)) {
+        if let Some((key, found)) = widths
+            .iter()
+            .chain([&("past_widths", self.past_widths.as_slice())])
+            .find(|(_, w)| w.iter().any(|&w| w > MOST))
+        {
             return Err(SizeError::TooLarge { key, found: found.to_vec() });
         }
         if !self.attention_width.is_multiple_of(self.heads) {

@@ -4,7 +4,7 @@
 //! Two steps, so that a loader's threads can do the first: [`encode`] makes plain arrays of one observation
 //! (normalised, resampled), [`to_input`] pads a batch of them and uploads it.
 
-use crate::benbv::NetInput;
+use crate::benbv::{NetInput, PastCameras};
 use burn::tensor::{Device, Tensor, TensorData};
 use nalgebra::{Rotation3, Vector3};
 use planning::Observation;
@@ -106,7 +106,7 @@ pub enum EncodeError {
     /// A coordinate is NaN or infinite.
     #[error("{what} {index} is not finite; remove such points first")]
     NotFinite {
-        /// `point`, `normal` or `candidate`.
+        /// `point`, `normal`, `candidate` or `camera`.
         what: &'static str,
         /// Its index.
         index: usize,
@@ -151,12 +151,30 @@ pub struct Encoded {
     pub density: Vec<f32>,
     /// Number of scans done minus one.
     pub view_order: f32,
+    /// For each candidate and each past camera, the unit vector from the target to the camera minus the candidate's
+    /// direction, K x V x 3; empty where no past camera is known.
+    pub past: Vec<f32>,
 }
 
 impl Encoded {
     /// Number of candidates.
     pub fn candidates(&self) -> usize {
         self.density.len()
+    }
+
+    /// Number of past cameras that are known.
+    pub fn cameras(&self) -> usize {
+        self.past.len() / (3 * self.candidates()).max(1)
+    }
+
+    /// The rows of [`Encoded::past`] for `cameras` of them: candidate by candidate, its own repeated as often as
+    /// needed; zeros where none is known.
+    fn past_rows(&self, cameras: usize) -> Vec<f32> {
+        let own = 3 * self.cameras();
+        if own == 0 {
+            return vec![0.0; self.candidates() * cameras * 3];
+        }
+        self.past.chunks(own).flat_map(|row| row.iter().copied().cycle().take(3 * cameras)).collect()
     }
 }
 
@@ -190,6 +208,10 @@ pub fn encode(observation: &Observation, config: &EncodeConfig, rng: &mut impl R
         encoded.targets.extend(as_f32(&place(&candidate.view.target)));
         encoded.directions.extend(as_f32(&(turn * candidate.direction())));
         encoded.density.push((candidate.density / unit) as f32);
+        for camera in &observation.cameras {
+            let seen_from = (camera - candidate.view.target).try_normalize(0.0).unwrap_or_default();
+            encoded.past.extend(as_f32(&(turn * (seen_from - candidate.direction()))));
+        }
     }
     Ok(encoded)
 }
@@ -200,6 +222,8 @@ pub fn to_input(batch: &[Encoded], width: usize, device: &Device) -> Result<NetI
     let n = batch.first().map_or(0, |e| e.points.len() / 3);
     let mut rows = Encoded::default();
     let (mut order, mut counts) = (Vec::with_capacity(b), Vec::with_capacity(b));
+    let cameras = batch.iter().map(Encoded::cameras).max().unwrap_or(0);
+    let mut known = Vec::with_capacity(b);
     for (sample, e) in batch.iter().enumerate() {
         let k = e.candidates();
         if k == 0 {
@@ -217,11 +241,13 @@ pub fn to_input(batch: &[Encoded], width: usize, device: &Device) -> Result<NetI
             (&mut rows.targets, &e.targets, 3),
             (&mut rows.directions, &e.directions, 3),
             (&mut rows.density, &e.density, 1),
+            (&mut rows.past, &e.past_rows(cameras), 3 * cameras),
         ] {
             all.extend_from_slice(own);
             all.resize(all.len() + (width - k) * columns, 0.0);
         }
         order.push(e.view_order);
+        known.push(f32::from(u8::from(e.cameras() > 0)));
         counts.push(k);
     }
     let device = device.clone().inner();
@@ -234,6 +260,10 @@ pub fn to_input(batch: &[Encoded], width: usize, device: &Device) -> Result<NetI
         directions: three(rows.directions, width),
         density: two(rows.density, width),
         view_order: two(order, 1),
+        past: (cameras > 0).then(|| PastCameras {
+            offsets: Tensor::from_data(TensorData::new(rows.past, [b, width, cameras, 3]), &device),
+            known: two(known, 1),
+        }),
         counts,
     })
 }
@@ -258,7 +288,8 @@ fn check(observation: &Observation) -> Result<(), EncodeError> {
     finite(
         "candidate",
         observation.candidates.iter().position(|c| !c.view.is_valid() || !c.density.is_finite() || c.density < 0.0),
-    )
+    )?;
+    finite("camera", observation.cameras.iter().position(|c| !c.iter().all(|x| x.is_finite())))
 }
 
 /// Origin and scale of the network's frame.

@@ -113,6 +113,7 @@ impl NetPlanner {
             candidates,
             view_order: state.num_scans.saturating_sub(1),
             working_distance: state.working_distance,
+            cameras: state.scans.iter().map(|scan| scan.world_from_camera.translation.vector.into()).collect(),
         };
         let scores = self.score(&observation, rng)?;
         let mut ranked: Vec<_> =

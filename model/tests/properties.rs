@@ -28,7 +28,15 @@ fn sample(points: usize, candidates: usize, rng: &mut impl Rng) -> Encoded {
     let (points, normals) = (numbers(3 * points), numbers(3 * points));
     let (targets, directions) = (numbers(3 * candidates), numbers(3 * candidates));
     let density = numbers(candidates).iter().map(|x| 5.0 * (x + 0.1)).collect();
-    Encoded { points, normals, targets, directions, density, view_order: 3.0 }
+    // One camera to eight, or none.
+    let cameras = rng.random_range(0..9);
+    let past = (0..3 * candidates * cameras).map(|_| rng.random_range(-1.0f32..1.0)).collect();
+    Encoded { points, normals, targets, directions, density, view_order: 3.0, past }
+}
+
+/// The tiny network that is told of past cameras.
+fn told() -> BenbvNetConfig {
+    BenbvNetConfig { past_widths: vec![8, 6], ..BenbvNetConfig::tiny() }
 }
 
 fn scores(net: &BenbvNet, batch: &[Encoded], width: usize) -> Vec<f32> {
@@ -78,10 +86,32 @@ fn candidates_permute_with_their_scores() {
 }
 
 #[test]
+fn past_cameras_are_a_set_that_may_be_unknown() {
+    let _alone = alone();
+    let mut rng = geometry::rng::stream(8, "properties");
+    let net = net(&told(), 8);
+    let unknown = Encoded { past: Vec::new(), ..sample(50, 4, &mut rng) };
+    let offset = |candidate: usize, camera: usize, axis: usize| (0.3 * (candidate + 2 * camera + axis) as f32).sin();
+    let from = |cameras: &[usize]| {
+        let of = |k| cameras.iter().flat_map(move |&v| (0..3).map(move |axis| offset(k, v, axis)));
+        Encoded { past: (0..4).flat_map(of).collect(), ..unknown.clone() }
+    };
+    let alone = |e: &Encoded| scores(&net, std::slice::from_ref(e), 4);
+    let three = alone(&from(&[0, 1, 2]));
+    close(&alone(&from(&[2, 0, 1, 0])), &three, 1e-6);
+    let moved = |other: &[f32]| other.iter().zip(&three).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(moved(&alone(&from(&[0, 1]))) > 1e-4, "a camera fewer is seen");
+    assert!(moved(&alone(&unknown)) > 1e-4, "and so is none");
+    // Beside others in a batch, and where nobody in the batch knows, the scores are the same.
+    let batch = scores(&net, &[unknown.clone(), from(&[0, 1, 2]), from(&[5])], 4);
+    close(&batch, &[alone(&unknown), three, alone(&from(&[5]))].concat(), 1e-6);
+}
+
+#[test]
 fn masking_equals_absence() {
     let _alone = alone();
     let mut rng = geometry::rng::stream(3, "properties");
-    let net = net(&BenbvNetConfig::tiny(), 3);
+    let net = net(&told(), 3);
     let batch = [sample(80, 5, &mut rng), sample(80, 8, &mut rng), sample(80, 1, &mut rng)];
     let padded = scores(&net, &batch, 8);
     for (i, one) in batch.iter().enumerate() {
@@ -95,7 +125,7 @@ fn masking_equals_absence() {
 fn padding_changes_no_gradient_and_no_statistic() {
     let _alone = alone();
     let mut rng = geometry::rng::stream(4, "properties");
-    let config = BenbvNetConfig { dropout: 0.0, ..BenbvNetConfig::tiny() };
+    let config = BenbvNetConfig { dropout: 0.0, ..told() };
     let batch = [sample(60, 4, &mut rng), sample(60, 6, &mut rng)];
     let run = |width: usize| {
         let net = net(&config, 4).train();
@@ -146,7 +176,8 @@ fn fused_training_agrees_with_plain_layers() {
         let config = BenbvNetConfig {
             dropout: 0.0,
             position_widths: widths.clone(),
-            normal_widths: widths,
+            normal_widths: widths.clone(),
+            past_widths: widths,
             ..BenbvNetConfig::tiny()
         };
         let batch: Vec<_> = (0..samples).map(|_| sample(points, 4, &mut rng)).collect();
@@ -155,13 +186,17 @@ fn fused_training_agrees_with_plain_layers() {
         let autodiff = Device::flex().autodiff();
         plain.points = Tensor::from_data(plain.points.into_data(), &autodiff).require_grad();
         plain.normals = Tensor::from_data(plain.normals.into_data(), &autodiff).require_grad();
+        if let Some(past) = &mut plain.past {
+            past.offsets = Tensor::from_data(past.offsets.clone().into_data(), &autodiff).require_grad();
+        }
         let (fused, plain) = (step(&config, input, 9), step(&config, plain, 9));
         close(&fused.0, &plain.0, 1e-5);
         for (name, want) in &plain.1 {
-            // Below that, a bias in front of a batch norm: its gradient is rounding noise.
             let norm = want.iter().map(|x| x * x).sum::<f32>().sqrt();
             let error = common::relative_l2(&fused.1[name], want);
-            assert!(norm < 1e-5 || error < 1e-3, "case {case}: gradient {name} off by {error:e} of {norm:e}");
+            // In front of a batch norm, a bias changes nothing: its gradient is rounding noise.
+            let noise = norm < 1e-5 || (name.contains("_feat.") && name.ends_with(".0.bias") && norm < 1e-4);
+            assert!(noise || error < 1e-3, "case {case}: gradient {name} off by {error:e} of {norm:e}");
         }
         for (name, want) in plain.2.iter().filter(|(name, _)| name.contains("running_")) {
             close(&fused.2[name], want, 1e-5);

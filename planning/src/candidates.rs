@@ -25,8 +25,8 @@ impl CandidateView {
     }
 }
 
-/// Input of the network, before it becomes tensors: the accumulated cloud, the ordered candidates, and the
-/// number of scans done minus one.
+/// Input of the network, before it becomes tensors: the accumulated cloud, the ordered candidates, the number of
+/// scans done minus one, and where they were taken from.
 #[derive(Clone, Debug)]
 pub struct Observation<'a> {
     /// The accumulated cloud with normals, not resampled.
@@ -37,6 +37,8 @@ pub struct Observation<'a> {
     pub view_order: usize,
     /// Working distance in metres (the `cloud` normalisation scales it).
     pub working_distance: f64,
+    /// Positions of the past cameras, given or estimated, world frame, in any order; empty where they are not known.
+    pub cameras: Vec<Point3<f64>>,
 }
 
 /// Which of the tilts a target gets.

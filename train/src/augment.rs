@@ -2,7 +2,7 @@
 //! change with a rigid motion or the unit of length.
 
 use geometry::{PointCloud, View};
-use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use planning::CandidateView;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
@@ -38,6 +38,10 @@ pub struct AugmentConfig {
     pub noise_m: f64,
     /// Largest share of points left out; the share is uniform from 0.
     pub dropout: f64,
+    /// Share of the samples whose past cameras are withheld, so that the network also ranks where they are not known.
+    pub forget_cameras: f64,
+    /// Standard deviation of the error of a past camera's direction, about each axis, as if it were estimated, degrees.
+    pub camera_error_deg: f64,
     /// Range of the cloud's diagonal after `cloud` normalisation as a share of 0.2 m, drawn uniformly: a partly
     /// seen object is smaller than the whole.
     pub diagonal_fraction: [f64; 2],
@@ -52,6 +56,8 @@ impl Default for AugmentConfig {
             scale: 0.0,
             noise_m: 0.0,
             dropout: 0.0,
+            forget_cameras: 0.0,
+            camera_error_deg: 0.0,
             diagonal_fraction: [0.8, 1.0],
         }
     }
@@ -79,13 +85,14 @@ impl AugmentConfig {
         low + (high - low) * rng.random::<f64>()
     }
 
-    /// Changes a cloud, its candidates and the working distance alike. Draws the same amount of numbers for the
-    /// same number of points, whatever they are used for.
+    /// Changes a cloud, its candidates, the working distance and the past cameras alike. Draws the same amount of numbers
+    /// for the same number of points and cameras, whatever they are used for.
     pub fn apply(
         &self,
         cloud: &mut PointCloud,
         candidates: &mut [CandidateView],
         working_distance: &mut f64,
+        cameras: &mut Vec<Isometry3<f64>>,
         rng: &mut impl Rng,
     ) {
         let rotation = self.draw_rotation(rng);
@@ -107,6 +114,27 @@ impl AugmentConfig {
             c.view = View { target: (moved * target.coords).into(), position: (moved * position.coords).into() };
         }
         *working_distance *= scale;
+        for camera in &mut *cameras {
+            camera.translation.vector = moved * camera.translation.vector;
+            camera.rotation = UnitQuaternion::from_rotation_matrix(&rotation) * camera.rotation;
+        }
+        self.blur_cameras(cloud, cameras, rng);
+    }
+
+    /// Withholds the past cameras, or turns each about the centre of the cloud.
+    fn blur_cameras(&self, cloud: &PointCloud, cameras: &mut Vec<Isometry3<f64>>, rng: &mut impl Rng) {
+        if self.forget_cameras > 0.0 && rng.random::<f64>() < self.forget_cameras {
+            cameras.clear();
+        }
+        if self.camera_error_deg > 0.0 && !cloud.is_empty() {
+            let (low, high) = cloud.bounding_box();
+            let centre = nalgebra::center(&low, &high);
+            let error = self.camera_error_deg.to_radians();
+            for camera in cameras {
+                let turn = Vector3::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal)) * error;
+                camera.append_rotation_wrt_point_mut(&UnitQuaternion::from_scaled_axis(turn), &centre);
+            }
+        }
     }
 
     fn draw_rotation(&self, rng: &mut impl Rng) -> Rotation3<f64> {

@@ -48,7 +48,8 @@ impl<'a> BenbvTask<'a> {
         if augmented {
             let augment = &self.config.augment;
             settings.diagonal_fraction = augment.draw_diagonal_fraction(&mut rng);
-            augment.apply(&mut sample.cloud, &mut sample.candidates, &mut sample.working_distance, &mut rng);
+            let Sample { cloud, candidates, working_distance, cameras, .. } = &mut sample;
+            augment.apply(cloud, candidates, working_distance, cameras, &mut rng);
         }
         let encoded = encode(&sample.observation(), &settings, &mut rng)
             .map_err(|e| format!("{} decision {}: {e}", sample.object, sample.scan_index))?;

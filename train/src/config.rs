@@ -319,7 +319,7 @@ impl TrainConfig {
         let o = &self.optimizer;
         let a = &self.augment;
         let within = self.loss.within_decision;
-        let ranges: [(&'static str, f64, bool, &str); 13] = [
+        let ranges: [(&'static str, f64, bool, &str); 15] = [
             ("loss.within_decision", within, within >= 0.0, "0 or more"),
             ("optimizer.learning_rate", o.learning_rate, o.learning_rate > 0.0, "a positive number"),
             ("optimizer.weight_decay", o.weight_decay, o.weight_decay >= 0.0, "0 or more"),
@@ -332,6 +332,8 @@ impl TrainConfig {
             ("augment.scale", a.scale, (0.0..1.0).contains(&a.scale), "a number in [0, 1)"),
             ("augment.noise_m", a.noise_m, a.noise_m >= 0.0, "0 or more"),
             ("augment.dropout", a.dropout, (0.0..1.0).contains(&a.dropout), "a share in [0, 1)"),
+            ("augment.forget_cameras", a.forget_cameras, (0.0..=1.0).contains(&a.forget_cameras), "a share in [0, 1]"),
+            ("augment.camera_error_deg", a.camera_error_deg, (0.0..=180.0).contains(&a.camera_error_deg), "0 to 180"),
             (
                 "validation.fraction",
                 self.validation.fraction,

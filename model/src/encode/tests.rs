@@ -16,7 +16,7 @@ fn candidates() -> [CandidateView; 2] {
 }
 
 fn observation<'a>(cloud: &'a PointCloud, candidates: &'a [CandidateView]) -> Observation<'a> {
-    Observation { cloud, candidates, view_order: 2, working_distance: 3.0 }
+    Observation { cloud, candidates, view_order: 2, working_distance: 3.0, cameras: Vec::new() }
 }
 
 fn rows(values: &[f32]) -> Vec<[f32; 3]> {
@@ -107,6 +107,30 @@ fn the_mean_normal_goes_up_however_the_world_is_turned() {
     let opposed = PointCloud { points: cloud.points[..2].to_vec(), normals: vec![Vector3::x(), -Vector3::x()] };
     let encoded = encode(&observation(&opposed, &candidates()), &config, &mut stream(1, "e")).unwrap();
     assert_eq!(encoded.directions, [0.0, 0.0, 1.0, 0.0, 0.0, 1.0], "normals that cancel say nothing");
+}
+
+#[test]
+fn past_cameras_are_told_beside_each_candidate() {
+    let (cloud, candidates) = (cloud(5), candidates());
+    let config = EncodeConfig { points: 5, ..EncodeConfig::default() };
+    // Above the first target, at the place of the second candidate's camera, and on a target itself.
+    let [first, second] = candidates.map(|c| c.view);
+    let cameras = vec![first.target + Vector3::new(0.0, 0.0, 7.0), second.position, first.target];
+    let known = Observation { cameras, ..observation(&cloud, &candidates) };
+    let encoded = encode(&known, &config, &mut stream(1, "e")).unwrap();
+    assert_eq!((encoded.cameras(), encoded.past.len()), (3, 2 * 3 * 3));
+    let offsets = rows(&encoded.past);
+    let aside = (second.position - first.target).normalize() - Vector3::z();
+    let wanted = [Vector3::zeros(), aside, -Vector3::z()];
+    for (offset, want) in offsets[..3].iter().zip(wanted) {
+        assert!((Vector3::from(*offset) - want.cast::<f32>()).norm() < 1e-6, "{offset:?}, expected {want}");
+    }
+    assert_eq!(offsets[4], [0.0; 3], "the second candidate's own place");
+    let unknown = encode(&observation(&cloud, &candidates), &config, &mut stream(1, "e")).unwrap();
+    assert_eq!(Encoded { past: Vec::new(), ..encoded.clone() }, unknown, "nothing else changes");
+    assert!(to_input(std::slice::from_ref(&unknown), 2, &Device::flex()).unwrap().past.is_none());
+    let past = to_input(&[unknown, encoded], 3, &Device::flex()).unwrap().past.unwrap();
+    assert_eq!((past.offsets.dims(), past.known.into_data().to_vec::<f32>().unwrap()), ([2, 3, 3, 3], vec![0.0, 1.0]));
 }
 
 #[test]

@@ -84,8 +84,13 @@ fn cloud_normalisation_ignores_translation_and_unit() {
             c.view.position = place(&c.view.position);
             c.density /= scale;
         }
-        let observation =
-            Observation { cloud: &moved.cloud, candidates: &candidates, view_order: 1, working_distance: 0.5 * scale };
+        let observation = Observation {
+            cloud: &moved.cloud,
+            candidates: &candidates,
+            view_order: 1,
+            working_distance: 0.5 * scale,
+            cameras: Vec::new(),
+        };
         planner.score(&observation, &mut stream(1, "score")).unwrap()
     };
     let still = scores(1.0, Vector3::zeros());

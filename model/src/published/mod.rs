@@ -45,7 +45,8 @@ impl Network for BenbvNet {
     }
 
     fn is_conv(name: &str) -> bool {
-        (name.starts_with("pos_feat.") || name.starts_with("normal_feat.")) && name.ends_with(".0.weight")
+        let convolutions = ["pos_feat.", "normal_feat.", "past_feat."];
+        convolutions.iter().any(|prefix| name.starts_with(prefix)) && name.ends_with(".0.weight")
     }
 }
 

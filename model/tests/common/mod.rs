@@ -80,6 +80,7 @@ impl Golden {
             directions: candidates.narrow(2, 3, 3),
             density: context.clone().narrow(1, 0, k).reshape([b, k]),
             view_order: context.narrow(1, k, 1).reshape([b, 1]),
+            past: None,
             counts: vec![k; b],
         }
     }
