@@ -322,8 +322,18 @@ impl Session {
         let cell = self.cell(current, choice.planner);
         let mut views: Vec<_> = cell.considered(&ranking.views).take_while(|_| budget.allows(true).is_ok()).collect();
         budget.allows(true)?;
-        if let Some(check) = &request.check {
-            check.judge(&mut views, self.reach.as_deref(), budget)?;
+        let mut gives_way = None;
+        loop {
+            if let Some(check) = &request.check {
+                check.judge(&mut views, self.reach.as_deref(), budget)?;
+            }
+            if views.iter().any(Considered::is_open) {
+                break;
+            }
+            gives_way = cell.most_overlapping(&mut views);
+            if gives_way.is_none() {
+                break;
+            }
         }
         let mut candidates: Vec<Candidate> = views.into_iter().map(Considered::candidate).collect();
         let travel = |c: &Candidate| current.map_or(0.0, |from| (c.position_in_cell() - from).norm());
@@ -354,7 +364,7 @@ impl Session {
             support: self.support,
             complete: ranking.complete,
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
-            warnings: self.warnings(next.as_ref(), &candidates),
+            warnings: self.warnings(next.as_ref(), &candidates).into_iter().chain(gives_way).collect(),
             next,
             candidates,
         })

@@ -42,8 +42,10 @@ pub enum About {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Registrability {
-    /// Nothing.
+    /// The expected overlap where scans are moved onto the cloud (`register = "refine"`), else nothing.
     #[default]
+    Auto,
+    /// Nothing.
     Off,
     /// The expected overlap.
     Overlap,
@@ -97,13 +99,22 @@ impl Default for RegistrationConfig {
             pose_error_m: 0.002,
             pose_error_deg: 0.3,
             pose_error_about: About::Camera,
-            registrability: Registrability::Off,
+            registrability: Registrability::Auto,
             after_alarm: AfterAlarm::Ignore,
         }
     }
 }
 
 impl RegistrationConfig {
+    /// What candidates are held against, `Auto` decided.
+    pub fn rule(&self) -> Registrability {
+        match (self.registrability, self.register) {
+            (Registrability::Auto, Register::Refine) => Registrability::Overlap,
+            (Registrability::Auto, _) => Registrability::Off,
+            (asked, _) => asked,
+        }
+    }
+
     /// Refuses values without a meaning.
     ///
     /// # Errors

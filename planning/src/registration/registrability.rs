@@ -62,7 +62,7 @@ impl Demand {
 
     /// What the settings ask of views on this state, with the object's frame as far as it is known; `None` where they ask nothing.
     pub fn on(state: &ScanState, config: &RegistrationConfig) -> Option<(Self, Frame)> {
-        let asked = config.registrability != Registrability::Off && !state.cloud.is_empty();
+        let asked = config.rule() != Registrability::Off && !state.cloud.is_empty();
         let frame = asked.then(|| Frame::around(&[&state.cloud]))?;
         Some((Self::new(config, &frame, state.working_distance), frame))
     }
@@ -81,7 +81,7 @@ impl Demand {
         let between = between.clamp(-0.5, 1.5);
         let at = |small: f64, large: f64| small + (large - small) * between;
         let [few, many] = Self::OVERLAPS[kind];
-        Self { rule: config.registrability, fit: [at(small, large), slope], overlap: at(few, many), error_m }
+        Self { rule: config.rule(), fit: [at(small, large), slope], overlap: at(few, many), error_m }
     }
 
     /// Probability of failure at this lambda.
@@ -108,7 +108,7 @@ impl Demand {
     /// Why a view is not to be taken; `None` where it may.
     pub fn objection(&self, overlap: Option<f64>, expected: &Prediction) -> Option<String> {
         match self.rule {
-            Registrability::Off => None,
+            Registrability::Off | Registrability::Auto => None,
             Registrability::Overlap => {
                 let overlap = overlap?.max(0.0);
                 (overlap < self.overlap)

@@ -217,6 +217,16 @@ fn bounds_follow_from_the_robot_and_the_kind_of_icp() {
 }
 
 #[test]
+fn views_are_held_against_the_overlap_where_scans_are_moved_and_nothing_else_is_asked() {
+    let rule = |register, registrability| RegistrationConfig { register, registrability, ..Default::default() }.rule();
+    assert_eq!(RegistrationConfig::default().rule(), Registrability::Off);
+    assert_eq!(rule(Register::Check, Registrability::Auto), Registrability::Off);
+    assert_eq!(rule(Register::Refine, Registrability::Auto), Registrability::Overlap);
+    assert_eq!(rule(Register::Refine, Registrability::Off), Registrability::Off);
+    assert_eq!(rule(Register::Off, Registrability::Lambda), Registrability::Lambda);
+}
+
+#[test]
 fn what_a_view_would_see_again_is_the_area_that_faces_it() {
     use crate::ScanState;
     use geometry::View;

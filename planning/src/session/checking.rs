@@ -106,7 +106,8 @@ pub(super) struct Considered {
 }
 
 impl Considered {
-    fn is_open(&self) -> bool {
+    /// Whether nothing speaks against it so far.
+    pub fn is_open(&self) -> bool {
         self.places.first().is_some_and(|place| place.objections.is_empty())
     }
 

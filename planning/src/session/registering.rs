@@ -1,10 +1,12 @@
 //! Scans registered onto the cloud as they come, and views from which a scan could not be.
 
+use super::checking::Considered;
+use super::placing::Cell;
 use super::{Session, SessionError};
 use crate::answer::{ScanRegistration, length};
 use crate::constraints::{Constraint, Objection};
 use crate::registration::registrability::{Demand, Prediction};
-use crate::registration::{Model, Moving, Register, Registered, register};
+use crate::registration::{Model, Moving, Register, Registered, Registrability, register};
 use crate::scan::PreparedScan;
 use crate::{PastScan, RankedView, Seen, overlap};
 use geometry::View;
@@ -119,6 +121,30 @@ impl Session {
             )),
         };
         self.registrations().into_iter().filter_map(tell).collect()
+    }
+}
+
+impl Cell<'_> {
+    /// Where the rule on the overlap holds without being asked for and rules out all that is left: lifts it for the view with the
+    /// largest overlap, and says so. `None` where there is no such view.
+    pub(super) fn most_overlapping(&self, views: &mut [Considered]) -> Option<String> {
+        let asked = self.config.registration.registrability;
+        let (demand, _) = self.demand.as_ref().filter(|_| asked == Registrability::Auto)?;
+        let only_rule = |c: &&mut Considered| {
+            let view = View { target: c.candidate.target_m.into(), position: c.candidate.position_m.into() };
+            let rule = |o: &Objection| o.constraint == Constraint::Registrability;
+            c.places[0].objections.iter().all(rule) && !repeats(&view, &self.unregistered)
+        };
+        let overlap = |c: &Considered| c.candidate.expected_overlap.unwrap_or(0.0);
+        let most = views.iter_mut().rev().filter(only_rule).max_by(|a, b| overlap(a).total_cmp(&overlap(b)))?;
+        most.places[0].objections.clear();
+        Some(format!(
+            "no view shows as much known surface as this robot's accuracy asks for ({:.0} % of its scan, less {:.0} that it may be \
+             missed by): the next view shows the most, {:.0} %, and its scan may not register",
+            100.0 * demand.least_overlap(),
+            100.0 * overlap::margin(self.scans),
+            100.0 * overlap(most)
+        ))
     }
 }
 

@@ -125,6 +125,32 @@ fn a_view_that_sees_too_little_again_is_ruled_out_with_the_motion_that_stays_fre
     assert!(next.registration.expect("predicted").failure < 0.15);
 }
 
+#[test]
+fn a_rule_that_nobody_asked_for_gives_way_where_it_would_leave_no_view() {
+    // From the far side, where little or nothing of the sides is seen again.
+    let away = [[-0.7, -0.8, -0.9], [-0.9, 0.3, -0.6], [-0.2, -1.0, 0.5]].map(|position: [f64; 3]| {
+        let target = Point3::new(0.04, 0.04, 0.04);
+        View { target, position: Point3::from(position) }.world_from_camera()
+    });
+    let session = |registrability| {
+        let registration = RegistrationConfig { register: Register::Refine, registrability, ..Default::default() };
+        let mut session = Session::new(SessionConfig { registration, ..Default::default() }, None).expect("settings");
+        session.add_scan(Scan::Cloud { cloud: sides(0), from: Some(camera()) }).expect("a scan");
+        session.set_given_views(away.to_vec());
+        session.next_view().expect("an answer")
+    };
+    let asked = session(Registrability::Overlap);
+    assert_eq!(asked.next, None);
+    assert!(asked.candidates.iter().all(|c| c.objections[0].constraint == Constraint::Registrability));
+    let answer = session(Registrability::Auto);
+    let next = answer.next.expect("one is left");
+    let most = asked.candidates.iter().filter_map(|c| c.expected_overlap).fold(0.0, f64::max);
+    assert_eq!(next.expected_overlap, Some(most), "the largest overlap");
+    let excluded = answer.candidates.iter().filter(|c| !c.objections.is_empty()).count();
+    assert_eq!(excluded, asked.candidates.len() - 1);
+    assert!(answer.warnings.iter().any(|w| w.contains("may not register")), "{:?}", answer.warnings);
+}
+
 /// Hills from `from` to `to` along x.
 fn hills(from: f64, to: f64) -> PointCloud {
     let along = |i: u32| from + 0.002 * f64::from(i);
