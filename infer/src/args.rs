@@ -1,5 +1,6 @@
 //! The command line of `infer`.
 
+use crate::load::Origin;
 use crate::request::Unit;
 use anyhow::bail;
 use clap::Parser;
@@ -60,9 +61,9 @@ pub struct Args {
     pub scan: Vec<PathBuf>,
     /// Camera position of each cloud, in the same order
     ///
-    /// x,y,z in the unit of the clouds.
-    #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "X,Y,Z", value_parser = numbers::<3>, requires = "scan", conflicts_with_all = ["object", "serve"])]
-    pub from: Vec<[f64; 3]>,
+    /// x,y,z in the unit of the clouds; x,y,z..x,y,z for a line scanner that moved straight from one to the other.
+    #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "X,Y,Z", value_parser = Origin::parse, requires = "scan", conflicts_with_all = ["object", "serve"])]
+    pub from: Vec<Origin>,
     /// Depth images (PNG in mm, NPY in m), oldest first
     ///
     /// They are added after the clouds.

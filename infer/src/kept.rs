@@ -1,7 +1,7 @@
 //! `--session DIR`: a session that persists from command to command, stored as the service stores its own.
 
 use crate::args::Args;
-use crate::load;
+use crate::load::{self, Origin};
 use crate::request::{Ask, Body, cloud_body};
 use crate::service::{Entry, Method, Open, Service, ServiceConfig};
 use anyhow::{Context, Result};
@@ -57,7 +57,7 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
             None => load::cloud(path, args.unit, given)?,
         };
         let told = match (of_clouds.get(i), loaded.scan.camera_position(), loaded.reading.metres_per_unit) {
-            (Some(_), Some(from), Some(metres)) => Some((from / metres).coords.into()),
+            (Some(_), Some(from), Some(metres)) => Some(Origin::Point((from / metres).coords.into())),
             _ => given,
         };
         add(path, &cloud_body(path, args.unit, told, args.table_angle_deg.get(i).copied())?)?;

@@ -5,6 +5,7 @@ mod poses;
 
 pub use poses::{PoseFile, poses, read_pose, rigid};
 
+use crate::args::numbers;
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
 use formats::FormatError;
@@ -15,6 +16,7 @@ use geometry::{Lens, PinholeCamera, Undistorted, undistort_depth};
 use nalgebra::{Isometry3, Point3};
 use organised::depth_of_organised;
 use planning::{NoReturn, Reading, Scan};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A scan, and what there is to say of how it was read.
@@ -28,7 +30,7 @@ pub struct Loaded {
 
 /// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera. Without `unit`, the
 /// unit that the file names holds, or metres. `from`, the camera's position in the unit of the cloud, if it is known.
-pub fn cloud(path: &Path, unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
+pub fn cloud(path: &Path, unit: Option<Unit>, from: Option<Origin>) -> Result<Loaded> {
     Ok(from_cloud_file(read_cloud(path)?, unit).seen_from(from, unit))
 }
 
@@ -48,7 +50,7 @@ pub fn named_bytes(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// [`cloud`] of such a file. Who asks need not be allowed to see it: what is in it shows in no error.
-pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
+pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<Origin>) -> Result<Loaded> {
     match parse_cloud(path, bytes) {
         Ok(file) => Ok(from_cloud_file(file, unit).seen_from(from, unit)),
         Err(error @ FormatError::UnknownType { .. }) => Err(error.into()),
@@ -59,7 +61,7 @@ pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<[
 }
 
 /// [`cloud`] from bytes; the extension of the name determines the format.
-pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Option<Unit>, from: Option<[f64; 3]>) -> Result<Loaded> {
+pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Option<Unit>, from: Option<Origin>) -> Result<Loaded> {
     Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit).seen_from(from, unit))
 }
 
@@ -112,14 +114,72 @@ fn leave_out_camera(file: &mut CloudFile) -> Option<String> {
     (left_out > 0).then(|| format!("{left_out} points at the sensor's position are treated as pixels without a return"))
 }
 
+/// Where a cloud was measured from, in the unit of its numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(
+    untagged,
+    expecting = "the camera's position, [x, y, z], or two points of a line scanner's path, [[x, y, z], [x, y, z]]"
+)]
+pub enum Origin {
+    /// The camera's position.
+    Point([f64; 3]),
+    /// Two points of the straight path of a line scanner.
+    Path([[f64; 3]; 2]),
+}
+
+impl Origin {
+    /// `x,y,z`, or `x,y,z..x,y,z`.
+    ///
+    /// # Errors
+    /// What was expected.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        match text.split_once("..") {
+            None => Ok(Self::Point(numbers(text)?)),
+            Some((first, last)) if first.trim() == last.trim() => Err("a path needs two different points".to_owned()),
+            Some((first, last)) => Ok(Self::Path([numbers(first)?, numbers(last)?])),
+        }
+    }
+
+    /// The position, or the middle of the path, metres.
+    pub fn middle(&self, metres_per_unit: f64) -> Point3<f64> {
+        match self {
+            Self::Point(p) => Point3::from(*p) * metres_per_unit,
+            Self::Path([a, b]) => nalgebra::center(&Point3::from(*a), &Point3::from(*b)) * metres_per_unit,
+        }
+    }
+
+    /// The path, metres.
+    pub fn path(&self, metres_per_unit: f64) -> Option<[Point3<f64>; 2]> {
+        match self {
+            Self::Point(_) => None,
+            Self::Path(path) => Some(path.map(|p| Point3::from(p) * metres_per_unit)),
+        }
+    }
+
+    /// Every position in it.
+    pub fn positions(&self) -> &[[f64; 3]] {
+        match self {
+            Self::Point(p) => std::slice::from_ref(p),
+            Self::Path(path) => path,
+        }
+    }
+}
+
 impl Loaded {
     /// With the camera's position, in metres unless a unit is given: one that the file names is that of its columns alone. Said
     /// where an organised cloud proves another position.
-    fn seen_from(mut self, given: Option<[f64; 3]>, unit: Option<Unit>) -> Self {
-        let Some(given) = given else { return self };
-        let given = Point3::from(given) * unit.map_or(1.0, Unit::metres);
+    fn seen_from(mut self, given: Option<Origin>, unit: Option<Unit>) -> Self {
+        let Some(origin) = given else { return self };
+        let metres = unit.map_or(1.0, Unit::metres);
+        let given = origin.middle(metres);
         match &mut self.scan {
-            Scan::Cloud { from, .. } => self.reading.notes.extend(replace_position(from, given)),
+            Scan::Cloud { cloud, from } => {
+                self.reading.notes.extend(replace_position(from, given));
+                if let Some(path) = origin.path(metres) {
+                    self.scan = Scan::Lines { cloud: std::mem::take(cloud), path };
+                }
+            }
+            Scan::Lines { .. } => {}
             Scan::Depth { world_from_camera, .. } => {
                 let proven = Point3::from(world_from_camera.translation.vector);
                 if (proven - given).norm() > 1e-3 {

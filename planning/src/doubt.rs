@@ -76,6 +76,23 @@ pub fn of_position(
     (clear && told.direction.dot(&outward) < 0.0).then_some(PositionDoubt::Behind)
 }
 
+/// Why a line scanner cannot have moved along this path; `None` where nothing speaks against it. What is hidden and how dense points are
+/// is not asked: they were seen from all along it.
+pub fn of_path(cloud: &PointCloud, path: &[Point3<f64>; 2], distance: f64, spacing: f64) -> Option<PositionDoubt> {
+    let along = (path[1] - path[0]).try_normalize(0.0)?;
+    let away = |p: &Point3<f64>| {
+        let from = p - path[0];
+        (from - along * from.dot(&along)).norm()
+    };
+    let (low, high) = cloud.bounding_box();
+    let middle = away(&nalgebra::center(&low, &high));
+    if middle > FARTHEST * distance.max((high - low).norm()) {
+        return Some(PositionDoubt::TooFar(middle));
+    }
+    let nearest = cloud.points.iter().map(away).fold(f64::INFINITY, f64::min);
+    (nearest < 2.0 * spacing).then_some(PositionDoubt::Inside)
+}
+
 /// How far apart two scans lie where both should be the same surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {

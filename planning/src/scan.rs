@@ -1,5 +1,7 @@
 //! One scan as the user gives it, and made ready for planning.
 
+mod lines;
+
 use crate::accumulate::Accumulate;
 use crate::config::SessionConfig;
 use crate::doubt::{self, PositionDoubt};
@@ -7,13 +9,14 @@ use crate::estimate::estimated_scans;
 use crate::normals;
 use crate::registration::Registered;
 use crate::sensor::Dropped;
-use crate::support::Plane;
+use crate::support::{self, Plane};
 use crate::thin;
 use crate::{Budget, CameraPose, NoReturn, PastScan, Seen, Stopped};
 use geometry::{
     BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, mean_spacing,
     orient_normals_along, orient_normals_consistent, orient_normals_toward,
 };
+use lines::{abreast, orient_normals_abreast, pieces};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 
@@ -49,6 +52,13 @@ pub enum Scan {
         /// Where it was taken from.
         from: Option<Point3<f64>>,
     },
+    /// A cloud of a line scanner, which measures one line of points at a time across the direction in which it moves.
+    Lines {
+        /// Points, with normals towards the scanner or without.
+        cloud: PointCloud,
+        /// Where it was at its first and at its last line, or any two other points of its straight path.
+        path: [Point3<f64>; 2],
+    },
     /// A depth image with its camera.
     Depth {
         /// Intrinsics.
@@ -63,11 +73,20 @@ pub enum Scan {
 }
 
 impl Scan {
-    /// Where the camera was, if known.
+    /// Where the camera was, if known; of a line scanner the middle of its path.
     pub fn camera_position(&self) -> Option<Point3<f64>> {
         match self {
             Self::Cloud { from, .. } => *from,
+            Self::Lines { path: [first, last], .. } => Some(nalgebra::center(first, last)),
             Self::Depth { world_from_camera, .. } => Some(Point3::from(world_from_camera.translation.vector)),
+        }
+    }
+
+    /// Where the camera was when it measured this point, if known.
+    fn seen_from(&self, point: &Point3<f64>) -> Option<Point3<f64>> {
+        match self {
+            Self::Lines { path, .. } => Some(abreast(path, point)),
+            _ => self.camera_position(),
         }
     }
 }
@@ -194,16 +213,16 @@ pub(crate) fn neighborhoods(points: &[Point3<f64>]) -> Neighborhoods {
 pub(crate) fn prepare(
     mut scan: Scan,
     config: &SessionConfig,
-    support: Option<&Plane>,
+    plane: Option<&Plane>,
     budget: &Budget,
 ) -> Result<(PreparedScan, Option<Neighborhoods>), Refusal> {
     let (mut dropped, mut on_support) = (Dropped::default(), 0);
     let raw = match &mut scan {
-        Scan::Cloud { cloud, .. } => std::mem::take(cloud),
+        Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => std::mem::take(cloud),
         Scan::Depth { camera, depth, world_from_camera, .. } => {
             depth.depth.iter_mut().filter(|d| f64::from(**d) > FARTHEST_M).for_each(|d| *d = 0.0);
             dropped = config.sensor.clean(depth, camera);
-            on_support = without_support(depth, camera, world_from_camera, support, config.support_margin_m);
+            on_support = support::clear(depth, camera, world_from_camera, plane, config.support_margin_m);
             PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() }
         }
     };
@@ -220,14 +239,16 @@ pub(crate) fn prepare(
     let far = |p: &&Point3<f64>| p.iter().all(|x| x.is_finite()) && p.coords.amax() > FARTHEST_M;
     report.out_of_range = raw.points.iter().filter(far).count();
     report.not_finite = raw.len() - kept.len() - report.out_of_range;
-    if let (Scan::Cloud { .. }, Some(plane)) = (&scan, support) {
+    let is_image = matches!(scan, Scan::Depth { .. });
+    if let Some(plane) = plane.filter(|_| !is_image) {
         let before = kept.len();
         kept.retain(|&i| plane.height(&raw.points[i]) > config.support_margin_m);
         report.on_support = before - kept.len();
     }
-    if let Scan::Cloud { from: Some(from), .. } = &scan {
+    if !is_image {
         let before = kept.len();
-        kept.retain(|&i| config.sensor.reaches((raw.points[i] - from).norm()));
+        let reaches = |p: &Point3<f64>| scan.seen_from(p).is_none_or(|from| config.sensor.reaches((p - from).norm()));
+        kept.retain(|&i| reaches(&raw.points[i]));
         report.beyond_sensor = before - kept.len();
     }
     if let Some([low, high]) = config.region_m {
@@ -270,7 +291,7 @@ pub(crate) fn prepare(
     in_time()?;
     let forward = match &scan {
         Scan::Depth { world_from_camera, .. } => Some(world_from_camera * Vector3::z()),
-        Scan::Cloud { .. } => None,
+        Scan::Cloud { .. } | Scan::Lines { .. } => None,
     };
     let settled = normals::settle(&mut cloud, near.as_ref());
     (report.normals_ignored, report.normals_estimated) = (settled.ignored, settled.estimated);
@@ -278,6 +299,9 @@ pub(crate) fn prepare(
     let unturned = settled.signed.then(|| cloud.normals.clone());
     let mut oriented = if let (Accumulate::Matched, Some(forward)) = (config.accumulate, forward) {
         orient_normals_along(&mut cloud, &-forward);
+        true
+    } else if let Scan::Lines { path, .. } = &scan {
+        orient_normals_abreast(&mut cloud, path);
         true
     } else if let Some(from) = scan.camera_position() {
         orient_normals_toward(&mut cloud, &from);
@@ -293,6 +317,7 @@ pub(crate) fn prepare(
     let distance = config.working_distances().iter().sum::<f64>() / config.working_distances().len() as f64;
     let doubt = match &scan {
         Scan::Cloud { from: Some(from), .. } => doubt::of_position(&cloud, &all.points, from, distance, spacing),
+        Scan::Lines { path, .. } => doubt::of_path(&cloud, path, distance, spacing),
         _ => None,
     };
     if let Some(unturned) = unturned {
@@ -306,7 +331,7 @@ pub(crate) fn prepare(
     }
     let mut past: Vec<PastScan> = match &doubt {
         Some(_) => Vec::new(),
-        None => past_scan(scan, &cloud.points).into_iter().collect(),
+        None => past_scans(scan, &cloud.points),
     };
     if past.is_empty() && !cloud.is_empty() {
         if !oriented {
@@ -336,43 +361,22 @@ pub(crate) fn prepare(
     ))
 }
 
-/// Takes what the object stands on out of an image: its pixels show nothing of the object, as those do that show the background.
-fn without_support(
-    image: &mut DepthImage,
-    camera: &PinholeCamera,
-    world_from_camera: &Isometry3<f64>,
-    support: Option<&Plane>,
-    margin: f64,
-) -> usize {
-    let Some(plane) = support else { return 0 };
-    let (columns, [x0, y0]) = (image.size[0].max(1) as usize, image.origin.map(|x| x as usize));
-    let mut taken = 0;
-    for (i, z) in image.depth.iter_mut().enumerate().filter(|(_, z)| **z > 0.0) {
-        let (column, row) = ((x0 + i % columns) as f64, (y0 + i / columns) as f64);
-        if plane.height(&(world_from_camera * camera.unproject(column, row, f64::from(*z)))) <= margin {
-            *z = 0.0;
-            taken += 1;
-        }
-    }
-    taken
-}
-
-/// What a planner may know of a scan with these points; `None` where the camera is unknown.
-fn past_scan(scan: Scan, points: &[Point3<f64>]) -> Option<PastScan> {
+/// What a planner may know of a scan with these points; nothing where the camera is unknown.
+fn past_scans(scan: Scan, points: &[Point3<f64>]) -> Vec<PastScan> {
     match scan {
         Scan::Depth { camera, depth, world_from_camera, misses } => {
-            Some(PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses }, pose: Default::default() })
+            vec![PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses }, pose: Default::default() }]
         }
-        Scan::Cloud { from, .. } => {
-            let position = from?;
-            // The orientation is not known and does not matter: it looks at the middle of what it saw.
-            let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
-            let view = View { target: Point3::from(sum / points.len().max(1) as f64), position };
-            Some(PastScan {
-                world_from_camera: view.world_from_camera(),
-                seen: Seen::Points(points.to_vec()),
-                pose: Default::default(),
-            })
+        Scan::Cloud { from, .. } => from.map(|position| seen_from(position, points.to_vec())).into_iter().collect(),
+        Scan::Lines { path, .. } => {
+            pieces(&path, points).into_iter().map(|(at, points)| seen_from(at, points)).collect()
         }
     }
+}
+
+/// Points as seen from a position. The orientation is not known and does not matter: it looks at the middle of what it saw.
+fn seen_from(position: Point3<f64>, points: Vec<Point3<f64>>) -> PastScan {
+    let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
+    let view = View { target: Point3::from(sum / points.len().max(1) as f64), position };
+    PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points), pose: Default::default() }
 }

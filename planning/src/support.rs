@@ -1,8 +1,8 @@
 //! What the object stands on: a plane, found in the first scan or given, that is taken away from all scans and that no camera goes under.
 
 use crate::config::ConfigError;
-use geometry::rng;
-use nalgebra::{Point3, Vector3};
+use geometry::{DepthImage, PinholeCamera, rng};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rand::RngExt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -191,6 +191,27 @@ fn attached(depths: &mut [f64], gap: f64, few: usize) -> &[f64] {
     let before = |i: usize| if i == 0 { 0.0 } else { depths[i - 1] };
     let end = (0..depths.len().saturating_sub(few)).find(|&i| depths[i + few] - before(i) > gap);
     &depths[..end.unwrap_or(depths.len())]
+}
+
+/// Takes what the object stands on out of an image: its pixels show nothing of the object, as those do that show the background.
+pub(crate) fn clear(
+    image: &mut DepthImage,
+    camera: &PinholeCamera,
+    world_from_camera: &Isometry3<f64>,
+    plane: Option<&Plane>,
+    margin: f64,
+) -> usize {
+    let Some(plane) = plane else { return 0 };
+    let (columns, [x0, y0]) = (image.size[0].max(1) as usize, image.origin.map(|x| x as usize));
+    let mut taken = 0;
+    for (i, z) in image.depth.iter_mut().enumerate().filter(|(_, z)| **z > 0.0) {
+        let (column, row) = ((x0 + i % columns) as f64, (y0 + i / columns) as f64);
+        if plane.height(&(world_from_camera * camera.unproject(column, row, f64::from(*z)))) <= margin {
+            *z = 0.0;
+            taken += 1;
+        }
+    }
+    taken
 }
 
 #[cfg(test)]

@@ -153,9 +153,12 @@ impl Scan {
     pub fn moved(mut self, to_from_own: &Isometry3<f64>) -> Self {
         match &mut self {
             Self::Cloud { cloud, from } => {
-                cloud.points.iter_mut().for_each(|p| *p = to_from_own * *p);
-                cloud.normals.iter_mut().for_each(|n| *n = to_from_own * *n);
+                *cloud = cloud.transformed(to_from_own);
                 *from = from.map(|p| to_from_own * p);
+            }
+            Self::Lines { cloud, path } => {
+                *cloud = cloud.transformed(to_from_own);
+                *path = path.map(|p| to_from_own * p);
             }
             Self::Depth { world_from_camera, .. } => *world_from_camera = to_from_own * *world_from_camera,
         }

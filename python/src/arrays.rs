@@ -3,6 +3,7 @@
 
 use crate::fault::Fault;
 use geometry::{Mesh, PinholeCamera};
+use infer::load::Origin;
 use nalgebra::{Isometry3, Point3, Vector3};
 use numpy::ndarray::ArrayViewD;
 use numpy::{
@@ -112,6 +113,21 @@ pub fn position(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Point3<f64>> {
     let position = Point3::new(values[0], values[1], values[2]);
     within_reach(name, &position)?;
     Ok(position)
+}
+
+/// Where a cloud was measured from: (3,), or (2, 3) for two points of a line scanner's path.
+pub fn origin(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Origin> {
+    let array = numbers(name, value)?;
+    if array.shape() != [2, 3] {
+        return Ok(Origin::Point(position(name, value)?.coords.into()));
+    }
+    let values = flat(&array)?;
+    let path = [0, 3].map(|i| Point3::new(values[i], values[i + 1], values[i + 2]));
+    path.iter().try_for_each(|p| within_reach(name, p))?;
+    if path[0] == path[1] {
+        return Err(Fault::Value(format!("{name}: a path needs two different points")).into());
+    }
+    Ok(Origin::Path(path.map(|p| p.coords.into())))
 }
 
 fn within_reach(name: &str, position: &Point3<f64>) -> PyResult<()> {

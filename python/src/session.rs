@@ -4,9 +4,9 @@ use crate::arrays;
 use crate::fault::{Fault, guarded, internal};
 use formats::config::{load, overlaid};
 use geometry::{Lens, PointCloud};
-use infer::load::{DepthCamera, Loaded};
+use infer::load::{DepthCamera, Loaded, Origin};
 use infer::plan::Planned;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use planning::session::{AskedView, Request, Verdict, ViewCheck};
 use planning::{Budget, NoReturn, Reading, Scan, SessionConfig};
 use pyo3::exceptions::PyTypeError;
@@ -196,16 +196,20 @@ impl RobotSession {
                 let message = "give origin or world_from_camera: both tell where the camera was";
                 return Err(Fault::Value(message.to_owned()).into());
             }
-            (Some(origin), None) => Some(arrays::position("origin", origin)?),
+            (Some(origin), None) => Some(arrays::origin("origin", origin)?),
             (None, Some(pose)) => {
                 let pose = arrays::pose("world_from_camera", pose)?;
                 let ahead = infer::load::check_ahead(&points, &pose);
                 ahead.map_err(|e| Fault::Value(format!("world_from_camera: {e}")))?;
-                Some(Point3::from(pose.translation.vector))
+                Some(Origin::Point(pose.translation.vector.into()))
             }
             (None, None) => None,
         };
-        let scan = Scan::Cloud { cloud: PointCloud { points, normals }, from };
+        let cloud = PointCloud { points, normals };
+        let scan = match from.and_then(|from| from.path(1.0)) {
+            Some(path) => Scan::Lines { cloud, path },
+            None => Scan::Cloud { cloud, from: from.map(|from| from.middle(1.0)) },
+        };
         self.add(
             py,
             Loaded { scan, reading: Reading { metres_per_unit: Some(1.0), ..Reading::default() } },
@@ -225,7 +229,7 @@ impl RobotSession {
         table_angle_deg: Option<f64>,
     ) -> PyResult<String> {
         let unit = millimetres.map(|mm| if mm { infer::Unit::Mm } else { infer::Unit::M });
-        let origin = origin.map(|o| arrays::position("origin", o)).transpose()?.map(|p| p.coords.into());
+        let origin = origin.map(|o| arrays::origin("origin", o)).transpose()?;
         let loaded = crate::fault::detached(py, || Ok(infer::load::cloud_bytes(name, content, unit, origin)?))?;
         self.add(py, loaded, table_angle_deg)
     }

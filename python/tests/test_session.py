@@ -60,6 +60,17 @@ def test_recorded_scans_are_answered_as_by_infer():
         assert session.next_view().raw == infer("--scan", path), path.name
 
 
+def test_a_line_scanner_has_a_path(tmp_path):
+    path = [[-0.3, -0.5, 1.0], [0.4, -0.5, 1.0]]
+    session = benbv.Session()
+    session.add_points(benbv.read_cloud(SCANS[0]).points, origin=path)
+    text = "..".join(",".join(map(str, end)) for end in path)
+    assert session.next_view().raw == infer("--scan", SCANS[0], f"--from={text}")
+    for wrong in (np.zeros((2, 3)), [[0, 0, 1], [0, 0, np.nan]], np.ones((3, 2))):
+        with pytest.raises(ValueError, match="origin"):
+            session.add_points(np.zeros((9, 3)), origin=wrong)
+
+
 def test_a_view_has_what_the_answer_has(sheet):
     session = benbv.Session(0.8)
     session.add_points(sheet, origin=(0.06, 0.06, 0.8))

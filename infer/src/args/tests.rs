@@ -6,7 +6,8 @@ fn the_command_line_is_consistent() {
     Args::command().debug_assert();
     let words = "infer --scan a b --from -1,0,2 0,-1,0 --json --depth d --pose -1,0,0,0,0,0,1 --misses free";
     let args = Args::from_command_line(words.split(' ').map(OsString::from)).expect("negative numbers are values");
-    assert_eq!((args.scan.len(), &args.from[..]), (2, &[[-1., 0., 2.], [0., -1., 0.]][..]), "as given");
+    let from = [[-1., 0., 2.], [0., -1., 0.]].map(Origin::Point);
+    assert_eq!((args.scan.len(), &args.from[..]), (2, &from[..]), "as given");
     assert!(args.json && args.pose.len() == 1 && args.misses == Some(NoReturn::Free), "flags stay flags");
 }
 

@@ -71,18 +71,18 @@ fn a_cloud_of_another_geometry_stays_a_cloud() {
 fn a_position_that_an_organised_cloud_contradicts_is_said() {
     let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
     let file = || from_cloud_file(organised(&camera, &Isometry3::identity()), Some(Unit::Mm));
-    let notes = |from| file().seen_from(Some(from), Some(Unit::Mm)).reading.notes;
+    let notes = |from| file().seen_from(Some(Origin::Point(from)), Some(Unit::Mm)).reading.notes;
     assert!(notes([1000.0, 2.0, 3.0])[0].contains("camera at (0.000, 0.000, 0.000)"));
     assert!(notes([0.0, 0.5, 0.0]).is_empty() && file().seen_from(None, None).reading.notes.is_empty());
     let cloud = CloudFile { grid: None, ..organised(&camera, &Isometry3::identity()) };
     let Loaded { scan, reading } =
-        from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some([1000.0, 0.0, 0.0]), Some(Unit::Mm));
+        from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some(Origin::Point([1000.0, 0.0, 0.0])), Some(Unit::Mm));
     assert_eq!((scan.camera_position(), reading.notes.len()), (Some(Point3::new(1.0, 0.0, 0.0)), 0));
     let moved = |given| {
         let viewpoint = Some(Isometry3::translation(0.0, 0.0, 2.0));
         let loaded =
             from_cloud_file(CloudFile { grid: None, viewpoint, ..organised(&camera, &Isometry3::identity()) }, None);
-        loaded.seen_from(given, None)
+        loaded.seen_from(given.map(Origin::Point), None)
     };
     assert_eq!(moved(Some([0.0, 0.0, 2.0])).reading.notes.len() + moved(None).reading.notes.len(), 0);
     let Loaded { scan, reading } = moved(Some([1.0, 0.0, 2.0]));
@@ -208,4 +208,24 @@ fn a_calibrated_lens_is_undone_on_reading() {
     let error =
         format!("{:#}", depth(&image, None, "0,0,0,0,0,0,1", Some(other), NoReturn::Unknown).expect_err("a size"));
     assert!(error.contains("d.png\": 64 x 48 pixels, but the camera was calibrated for 128 x 96"), "{error}");
+}
+
+#[test]
+fn a_path_makes_a_line_scanners_scan_of_a_cloud() {
+    let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+    let cloud = CloudFile { grid: None, ..organised(&camera, &Isometry3::identity()) };
+    let points = cloud.cloud.len();
+    let origin = Origin::parse("0,0,500..100,0,500").expect("a path");
+    match from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some(origin), Some(Unit::Mm)).scan {
+        Scan::Lines { cloud, path } => {
+            assert_eq!((cloud.len(), path), (points, [Point3::new(0.0, 0.0, 0.5), Point3::new(0.1, 0.0, 0.5)]));
+        }
+        other => panic!("{other:?}"),
+    }
+    assert_eq!(Origin::parse("1,2,3"), Ok(Origin::Point([1.0, 2.0, 3.0])));
+    for (text, why) in
+        [("1,2,3..1,2,3", "two different points"), ("1,2..3,4,5", "2 numbers"), ("1,2,x", "not a number")]
+    {
+        assert!(Origin::parse(text).expect_err(text).contains(why), "{text}");
+    }
 }

@@ -1,7 +1,7 @@
 //! A scan as a request carries it.
 
 use super::Object;
-use crate::load::{self, DepthCamera, Loaded};
+use crate::load::{self, DepthCamera, Loaded, Origin};
 use crate::service::Refusal;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -26,7 +26,7 @@ const PER_POINT: usize = 80;
 /// Memory that it takes to make a scan ready, bytes.
 pub fn work(scan: &Scan) -> usize {
     match scan {
-        Scan::Cloud { cloud, .. } => PER_POINT * cloud.len(),
+        Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => PER_POINT * cloud.len(),
         Scan::Depth { depth, .. } => {
             4 * depth.depth.len() + PER_POINT * depth.depth.iter().filter(|d| **d > 0.0).count()
         }
@@ -81,7 +81,7 @@ pub struct ScanRequest<'a> {
     /// Unit of the points and of `from` (and of nothing else); metres, or what the file names, if absent.
     pub unit: Option<Unit>,
     /// Where the camera was, world frame.
-    pub from: Option<[f64; 3]>,
+    pub from: Option<Origin>,
     /// A depth image.
     #[serde(borrow)]
     pub depth: Option<Object<DepthRequest<'a>>>,
@@ -110,7 +110,7 @@ impl Text<'_> {
 pub fn cloud_body(
     path: &Path,
     unit: Option<Unit>,
-    from: Option<[f64; 3]>,
+    from: Option<Origin>,
     table_angle_deg: Option<f64>,
 ) -> Result<Vec<u8>, Refusal> {
     let file = Some(path.display().to_string());
@@ -228,9 +228,12 @@ impl ScanRequest<'_> {
             return Err(bad("give exactly one of points, points_base64, cloud_base64, depth and file"));
         }
         let metres = self.unit.unwrap_or_default().metres();
-        let from = self.from.map(|p| Point3::from(Vector3::from(p) * metres));
-        if from.is_some_and(|p| is_far(&p.coords)) {
+        let positions = self.from.iter().flat_map(|from| from.positions());
+        if positions.map(|p| Vector3::from(*p) * metres).any(|p| is_far(&p)) {
             return Err(bad("from: farther away than a million metres"));
+        }
+        if matches!(self.from, Some(Origin::Path([first, last])) if first == last) {
+            return Err(bad("from: a path needs two different points"));
         }
         if let Some(Object(depth)) = self.depth {
             if self.from.is_some() || self.normals.is_some() {
@@ -266,7 +269,11 @@ impl ScanRequest<'_> {
         if !normals.is_empty() && normals.len() != points.len() {
             return Err(bad(&format!("{} normals for {} points", normals.len(), points.len())));
         }
-        let scan = Scan::Cloud { cloud: PointCloud { points, normals }, from };
+        let cloud = PointCloud { points, normals };
+        let scan = match self.from.and_then(|from| from.path(metres)) {
+            Some(path) => Scan::Lines { cloud, path },
+            None => Scan::Cloud { cloud, from: self.from.map(|from| from.middle(metres)) },
+        };
         Ok(Loaded {
             scan,
             reading: Reading { notes: Vec::new(), metres_per_unit: Some(metres), table_angle_deg: None },

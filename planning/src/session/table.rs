@@ -35,7 +35,7 @@ impl Session {
             Support::Plane(plane) => Some(plane),
             Support::Auto => {
                 let points = match scan {
-                    Scan::Cloud { cloud, .. } => Cow::Borrowed(&cloud.points),
+                    Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => Cow::Borrowed(&cloud.points),
                     Scan::Depth { camera, depth, world_from_camera, .. } => {
                         Cow::Owned(depth.to_points(camera, world_from_camera))
                     }

@@ -34,7 +34,7 @@ fn on_a_table(table_size: f64) -> (Scan, Plane) {
 fn points(scan: &Scan) -> Vec<Point3<f64>> {
     match scan {
         Scan::Depth { camera, depth, world_from_camera, .. } => depth.to_points(camera, world_from_camera),
-        Scan::Cloud { cloud, .. } => cloud.points.clone(),
+        Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => cloud.points.clone(),
     }
 }
 

@@ -161,7 +161,7 @@ class Session:
         """Adds a cloud: `points` (N, 3) in the world frame, metres; NaN for no return.
 
         The camera is given by `origin`, its position (3,), or by `world_from_camera`, its pose; without either it is
-        estimated. `normals` (N, 3) of any length; zero where one is not known. `table_angle_deg` as in `add_depth`.
+        estimated. For a line scanner `origin` is two points of its straight path, (2, 3). `normals` (N, 3) of any length; zero where one is not known. `table_angle_deg` as in `add_depth`.
         """
         camera = {"origin": origin, "world_from_camera": world_from_camera}
         return self._add("points", {"points": points, **camera, "normals": normals}, {"table_angle_deg": table_angle_deg})
