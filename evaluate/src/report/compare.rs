@@ -14,8 +14,11 @@ pub struct Folder {
     pub contents: Contents,
 }
 
-/// Tables with one column per folder: each figure by policy, and the efficiency relative to the first folder and to the
-/// baseline within each folder.
+/// Under the tables of ratios.
+const PAIRED: &str = "Paired, on the episodes that both have; 95 % intervals over episodes, then over objects.";
+
+/// Tables with one column per folder: each figure by policy, and the efficiency relative to the same policy in the first folder, to
+/// the baseline there, and to the baseline within each folder, on the episodes that both have.
 pub fn tables(folders: &[Folder], baseline: &str, views_if_unreached: usize) -> Vec<Table> {
     let mut policies: Vec<String> = Vec::new();
     for folder in folders {
@@ -43,19 +46,23 @@ pub fn tables(folders: &[Folder], baseline: &str, views_if_unreached: usize) -> 
         efficiency(m(Figure::FinalCoverage), m(Figure::ViewsTo(90)))
     };
     let first = &folders[0];
+    let ratio = |a: &Runs, b: &Runs| {
+        let ratio = |over| efficiency_ratio(a, b, views_if_unreached, over, 1000, 0);
+        let (episodes, objects) = (ratio(ResampleUnit::Episodes), ratio(ResampleUnit::Objects));
+        episodes.zip(objects).map_or_else(
+            || "-".to_owned(),
+            |(e, o)| format!("{:.3} [{:.3}, {:.3}], [{:.3}, {:.3}]", e.value, e.low, e.high, o.low, o.high),
+        )
+    };
     vec![
         build("Efficiency", "", &|f, p| number(eff(f, p), 2)),
-        build(&format!("Efficiency relative to {}", first.name), "", &|f, p| {
-            number(eff(f, p).zip(eff(first, p)).map(|(a, b)| a / b), 3)
+        build(&format!("Efficiency relative to {}", first.name), PAIRED, &|f, p| ratio(&runs(f, p), &runs(first, p))),
+        build(&format!("Efficiency relative to {baseline} of {}", first.name), PAIRED, &|f, p| {
+            ratio(&runs(f, p), &runs(first, baseline))
         }),
-        build(
-            &format!("Efficiency relative to {baseline} of the same folder"),
-            "Paired; 95 % intervals over episodes.",
-            &|f, p| {
-                efficiency_ratio(&runs(f, p), &runs(f, baseline), views_if_unreached, ResampleUnit::Episodes, 1000, 0)
-                    .map_or_else(|| "-".to_owned(), |i| format!("{:.3} [{:.3}, {:.3}]", i.value, i.low, i.high))
-            },
-        ),
+        build(&format!("Efficiency relative to {baseline} of the same folder"), PAIRED, &|f, p| {
+            ratio(&runs(f, p), &runs(f, baseline))
+        }),
         build("Final coverage, %", "", &figure(Figure::FinalCoverage, 2)),
         build("Views to 90 %", "", &figure(Figure::ViewsTo(90), 2)),
         build("cv3, %", "", &figure(Figure::Cv3, 1)),
@@ -90,6 +97,7 @@ mod tests {
         let tables = tables(&[folder("plain", 0.95), folder("noise", 0.91)], "benbv", 17);
         assert_eq!(tables[0].header, ["policy", "plain", "noise"]);
         assert_eq!(tables[0].rows[0], ["benbv", "47.50", "45.50"]);
-        assert_eq!(tables[1].rows[1], ["see", "1.000", "0.958"]);
+        assert!(tables[1].rows[1][2].starts_with("0.958 ["), "{:?}", tables[1].rows[1]);
+        assert!(tables[2].rows[1][1].starts_with("1.000 ["), "see beside benbv of plain: {:?}", tables[2].rows[1]);
     }
 }
