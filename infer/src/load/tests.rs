@@ -78,7 +78,7 @@ fn a_position_that_an_organised_cloud_contradicts_is_said() {
     let Loaded { scan, reading } =
         from_cloud_file(cloud, Some(Unit::Mm)).seen_from(Some(Origin::Point([1000.0, 0.0, 0.0])), Some(Unit::Mm));
     assert_eq!((scan.camera_position(), reading.notes.len()), (Some(Point3::new(1.0, 0.0, 0.0)), 0));
-    let moved = |given| {
+    let moved = |given: Option<[f64; 3]>| {
         let viewpoint = Some(Isometry3::translation(0.0, 0.0, 2.0));
         let loaded =
             from_cloud_file(CloudFile { grid: None, viewpoint, ..organised(&camera, &Isometry3::identity()) }, None);
@@ -113,7 +113,7 @@ fn the_unit_asked_for_holds_else_the_one_named() {
         assert_eq!((cloud.points[0].x, reading.metres_per_unit), (x, Some(x)));
         assert!(reading.notes[0].contains(said), "{:?}", reading.notes);
     }
-    let camera = |unit| file(unit).seen_from(Some([0.0, 0.0, 2.0]), unit).scan.camera_position();
+    let camera = |unit| file(unit).seen_from(Some(Origin::Point([0.0, 0.0, 2.0])), unit).scan.camera_position();
     let metres = Some(Point3::new(0.0, 0.0, 2.0));
     assert_eq!((camera(None), camera(Some(Unit::M))), (metres, metres), "the columns' unit is not the camera's");
     assert_eq!(camera(Some(Unit::Mm)), Some(Point3::new(0.0, 0.0, 0.002)));

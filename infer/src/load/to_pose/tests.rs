@@ -109,7 +109,7 @@ fn damage(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
 }
 
 fn seen(name: &str, bytes: &[u8]) -> Option<Loaded> {
-    cloud_bytes(name, bytes, None, Some([0.0, 0.0, 0.0])).ok()
+    cloud_bytes(name, bytes, None, Some(Origin::Point([0.0, 0.0, 0.0]))).ok()
 }
 
 fn camera() -> DepthCamera {
