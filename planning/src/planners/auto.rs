@@ -208,7 +208,7 @@ impl AutoPlanner {
     }
 
     /// What cameras see of it ([`VolumetricPlanner::seen_of_expected`]).
-    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<f64>) {
+    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<[f64; 2]>) {
         self.volumetric.seen_of_expected(state, poses)
     }
 

@@ -57,9 +57,10 @@ impl Session {
         };
         let poses: Vec<Isometry3<f64>> = allowed.iter().map(pose).collect();
         let (seen, areas) = self.planners.seen_of_expected(&self.state, &poses);
-        let areas: Vec<f64> = areas.iter().map(|area| area / whole).collect();
-        let all: f64 = areas.iter().sum();
-        let mut looks = Looks::new(&areas, missing / all.max(f64::MIN_POSITIVE));
+        let all = (areas.iter().map(|[area, _]| area).sum::<f64>() / whole).max(f64::MIN_POSITIVE);
+        // Of each part, what a view is believed to measure of it.
+        let believed: Vec<f64> = areas.iter().map(|[_, believed]| believed / whole).collect();
+        let mut looks = Looks::new(&believed, missing / all);
         let mut chosen = Vec::new();
         while chosen.len() < most {
             let gains: Vec<f64> = seen.iter().map(|view| looks.first(view)).collect();
@@ -75,8 +76,8 @@ impl Session {
         let from = (self.last_position(), self.table_deg());
         let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| stop(allowed[i], from.1)).collect();
         let order = by_travel(from, &stops);
-        let mut plan =
-            ScanPlan { leaves: missing * looks.unseen() / all.max(f64::MIN_POSITIVE), ..ScanPlan::default() };
+        let found = believed.iter().sum::<f64>() - looks.unseen();
+        let mut plan = ScanPlan { leaves: missing * (all - found) / all, ..ScanPlan::default() };
         let mut at = (from.0.unwrap_or(order.first().map_or(Point3::origin(), |&i| stops[i].0)), from.1);
         for i in order {
             let travel_m = (stops[i].0 - at.0).norm();

@@ -90,8 +90,9 @@ impl VolumetricPlanner {
         self.grid.iter().flat_map(|grid| (0..grid.expected.len()).map(move |k| point(grid, k))).collect()
     }
 
-    /// Which parts of the expected surface a camera sees from each of these poses, as places in the list of their areas (square metres).
-    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<f64>) {
+    /// Which parts of the expected surface a camera sees from each of these poses, as places in the list of their areas: the whole, and as
+    /// much of it as views are believed to measure, square metres.
+    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<[f64; 2]>) {
         let (Some(grid), Some(leaps)) = (&self.grid, &self.leaps) else {
             return (vec![Vec::new(); poses.len()], Vec::new());
         };
@@ -100,7 +101,7 @@ impl VolumetricPlanner {
         let seen = |pose: &Isometry3<f64>| {
             (0..spots.len() as u32).filter(|&k| spots[k as usize].is_seen(&marcher, &state.camera, pose)).collect()
         };
-        (poses.iter().map(seen).collect(), spots.iter().map(|spot| spot.area).collect())
+        (poses.iter().map(seen).collect(), spots.iter().map(|spot| [spot.area, spot.area * spot.belief]).collect())
     }
 
     /// The holes of the surface as it was at the last decision, from a thousandth of the whole on, largest first.
