@@ -40,7 +40,7 @@ pub struct PastCameras {
 }
 
 impl PastCameras {
-    fn to_device(self, device: &Device) -> Self {
+    fn on(self, device: &Device) -> Self {
         Self { offsets: self.offsets.to_device(device), known: self.known.to_device(device) }
     }
 }
@@ -69,7 +69,7 @@ impl NetInput {
             directions: self.directions.to_device(device),
             density: self.density.to_device(device),
             view_order: self.view_order.to_device(device),
-            past: self.past.map(|past| past.to_device(device)),
+            past: self.past.map(|past| past.on(device)),
             counts: self.counts,
         }
     }
