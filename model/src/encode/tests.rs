@@ -130,7 +130,10 @@ fn past_cameras_are_told_beside_each_candidate() {
     assert_eq!(Encoded { past: Vec::new(), ..encoded.clone() }, unknown, "nothing else changes");
     assert!(to_input(std::slice::from_ref(&unknown), 2, &Device::flex()).unwrap().past.is_none());
     let past = to_input(&[unknown, encoded], 3, &Device::flex()).unwrap().past.unwrap();
-    assert_eq!((past.offsets.dims(), past.known.into_data().try_to_vec::<f32>().unwrap()), ([2, 3, 3, 3], vec![0.0, 1.0]));
+    assert_eq!(
+        (past.offsets.dims(), past.known.into_data().try_to_vec::<f32>().unwrap()),
+        ([2, 3, 3, 3], vec![0.0, 1.0])
+    );
 }
 
 #[test]
