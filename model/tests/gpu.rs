@@ -30,7 +30,8 @@ fn sample(points: usize, candidates: usize, rng: &mut impl Rng) -> Encoded {
     let (points, normals) = (numbers(3 * points), numbers(3 * points));
     let (targets, directions) = (numbers(3 * candidates), numbers(3 * candidates));
     let density = numbers(candidates).iter().map(|x| 5.0 * (x + 0.1)).collect();
-    Encoded { points, normals, targets, directions, density, view_order: 3.0 }
+    let past = numbers(3 * candidates * 4);
+    Encoded { points, normals, targets, directions, density, view_order: 3.0, past }
 }
 
 /// Scores in evaluation, the loss of a training step, and the loss after it.
