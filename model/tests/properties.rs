@@ -108,6 +108,19 @@ fn past_cameras_are_a_set_that_may_be_unknown() {
 }
 
 #[test]
+fn a_batch_that_knows_no_camera_trains() {
+    let _alone = alone();
+    let mut rng = geometry::rng::stream(9, "properties");
+    let config = BenbvNetConfig { dropout: 0.0, ..told() };
+    let batch = [0, 1].map(|_| Encoded { past: Vec::new(), ..sample(50, 4, &mut rng) });
+    let (scores, gradients, _) = step(&config, to_input(&batch, 4, &Device::flex()).expect("valid"), 9);
+    assert!(scores.iter().all(|s| s.is_finite()));
+    let of_past = |name: &&String| name.starts_with("past_feat.");
+    assert!(gradients.keys().filter(of_past).all(|name| gradients[name].iter().all(|g| *g == 0.0)));
+    assert!(gradients["main_branch.0.0.weight"].iter().any(|g| *g != 0.0));
+}
+
+#[test]
 fn masking_equals_absence() {
     let _alone = alone();
     let mut rng = geometry::rng::stream(3, "properties");
