@@ -4,6 +4,7 @@ mod aside;
 mod bounds;
 mod bridging;
 mod checking;
+mod decline;
 mod doubts;
 mod error;
 mod merging;
@@ -301,6 +302,7 @@ impl Session {
                 let least = ranking.views.iter().map(|(v, _)| v.score).fold(f64::INFINITY, f64::min);
                 let score = if least.is_finite() { least } else { 0.0 };
                 let distance = self.state.working_distance;
+                ranking.last_added = decline::last_added(&self.scans, &self.state);
                 ranking.views.extend(self.between().into_iter().map(|v| (crate::RankedView { score, ..v }, distance)));
                 ranking
             }
@@ -348,9 +350,12 @@ impl Session {
         for (rank, candidate) in candidates.iter_mut().enumerate() {
             candidate.rank = rank;
         }
+        let (mut missing, surface) = self.missing(choice.planner, &candidates, cell).unzip();
+        let raised = ranking.last_added.zip(self.planners.surface(choice.planner)).is_some_and(|(added, surface)| {
+            decline::heed(&mut candidates, missing.as_mut(), added * surface.covered())
+        });
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
-        let stop = Stop::judge(&candidates, self.config.stop_below);
-        let (missing, surface) = self.missing(choice.planner, &candidates, cell).unzip();
+        let stop = Stop::judge(&candidates, self.config.stop_below, raised);
         Ok(Answer {
             stop,
             planner: choice.planner.as_str().to_owned(),

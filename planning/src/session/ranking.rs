@@ -11,6 +11,8 @@ use geometry::{BoundaryConfig, boundary_points, rng};
 pub(super) struct Ranking {
     pub(super) views: Vec<(RankedView, f64)>,
     pub(super) boundary: usize,
+    /// Share of the cloud that the last scan alone measured.
+    pub(super) last_added: Option<f64>,
     /// Whether time sufficed for all of them.
     pub(super) complete: bool,
 }
@@ -76,5 +78,5 @@ fn rank_all(
     if config.rank_by == RankBy::Gain {
         views.iter_mut().for_each(|(view, _)| view.score = view.gain.unwrap_or(view.score));
     }
-    Ok(Ranking { views, boundary, complete })
+    Ok(Ranking { views, boundary, last_added: None, complete })
 }

@@ -3,6 +3,7 @@
 
 use super::grid::VoxelGrid;
 use super::march::{Hit, Marcher};
+use super::predict::COARSE;
 use super::{Surface, VolumetricPlanner};
 use crate::{PastScan, ScanState, Seen};
 use geometry::{PinholeCamera, View};
@@ -163,27 +164,33 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
     let farthest = voxels.iter().map(|v| (v.point - center).norm()).fold(0.0, f64::max);
     let looked_at = (SAMPLES * area / whole.expected_m2).clamp(OF_A_HOLE[0], OF_A_HOLE[1]) as usize;
     let samples: Vec<&Spot> = voxels.iter().step_by(voxels.len().div_ceil(looked_at)).collect();
-    let count = |seen: &[bool]| seen.iter().filter(|s| **s).count();
-    let believed =
-        |seen: &[bool]| samples.iter().zip(seen).filter(|(_, s)| **s).map(|(spot, _)| spot.belief).sum::<f64>();
-    let mut reached = vec![false; samples.len()];
-    let mut best: Option<(usize, usize)> = None;
+    let mut reached = vec![0.0; samples.len()];
+    let mut best: Option<(usize, f64)> = None;
     for (rank, pose) in allowed.candidates {
-        let seen: Vec<bool> = samples.iter().map(|spot| spot.is_seen(marcher, &state.camera, pose)).collect();
-        reached.iter_mut().zip(&seen).for_each(|(all, one)| *all |= one);
-        let seen = count(&seen);
-        if seen > best.map_or(0, |(_, most)| most) {
+        let eye = Point3::from(pose.translation.vector);
+        let part = |spot: &&Spot| if spot.is_seen(marcher, &state.camera, pose) { spot.part_from(&eye) } else { 0.0 };
+        let seen: Vec<f64> = samples.iter().map(part).collect();
+        reached.iter_mut().zip(&seen).for_each(|(all, one)| *all = one.max(*all));
+        let seen = seen.iter().sum();
+        if seen > best.map_or(0.0, |(_, most)| most) {
             best = Some((*rank, seen));
         }
     }
     if let Some(may_be_taken) = allowed.others {
-        for (reached, spot) in reached.iter_mut().zip(&samples).filter(|(reached, _)| !**reached) {
-            *reached = spot.directions().any(|direction| {
-                let view = View { target: spot.point, position: spot.point + state.working_distance * direction };
-                spot.is_measured(marcher, &view.position) && may_be_taken(&view)
+        for (reached, spot) in reached.iter_mut().zip(&samples).filter(|(reached, _)| **reached < 1.0) {
+            let views = spot.directions().map(|direction| View {
+                target: spot.point,
+                position: spot.point + state.working_distance * direction,
             });
+            for view in views {
+                let part = spot.part_from(&view.position);
+                if part > *reached && spot.is_measured(marcher, &view.position) && may_be_taken(&view) {
+                    *reached = part;
+                }
+            }
         }
     }
+    let believed: f64 = samples.iter().zip(&reached).map(|(spot, reached)| spot.belief * reached).sum();
     Hole {
         center_m: center.coords.into(),
         normal: normal.unwrap_or_default().into(),
@@ -191,7 +198,7 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
         area_m2: area,
         share: area / (whole.known_m2 + whole.expected_m2),
         unseen: why(marcher, &samples, state),
-        within_reach: believed(&reached) / samples.len().max(1) as f64,
+        within_reach: believed / samples.len().max(1) as f64,
         best_candidate: best.map(|(rank, _)| rank),
     }
 }
@@ -239,7 +246,16 @@ impl Spot {
         matches!(hit, Hit::Expected { at, .. } if (at - distance).abs() <= NEAR)
     }
 
-    /// The same, near enough and not too flat for the sensor.
+    /// Which part of it a view from `eye` that sees it is expected to measure: as in a forecast, less where it would be seen edge-on.
+    fn part_from(&self, eye: &Point3<f64>) -> f64 {
+        let ray = eye - self.point;
+        match self.normal.try_normalize(1e-9) {
+            Some(normal) => (normal.dot(&ray) / (ray.norm() * f64::from(COARSE))).clamp(0.0, 1.0),
+            None => 1.0,
+        }
+    }
+
+    /// Whether it is in sight of `eye`, near enough and not too flat for the sensor.
     fn is_measured(&self, marcher: &Marcher, eye: &Point3<f64>) -> bool {
         let ray = eye - self.point;
         let cosine = match self.normal.try_normalize(1e-9) {

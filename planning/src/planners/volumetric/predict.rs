@@ -107,9 +107,13 @@ impl Area {
 /// Surface is not taken to be seen under a smaller cosine: no sensor sees it so well.
 const GRAZING: f32 = 0.1;
 
+/// The same for areas of measured surface: at outlines its voxels reach past it, where they are met flat. With it the areas of box, ball and
+/// torus are within 10 % of those of independent rays (`forecast_areas` of `datagen`).
+const EDGE: f32 = 0.25;
+
 /// The same for the membrane, whose normals are as coarse as its voxels: so that the gain told is the true one on the mean
 /// (the example `gain_matrix` of `datagen`).
-const COARSE: f32 = 0.45;
+pub(super) const COARSE: f32 = 0.45;
 
 /// Share of a surface within `tolerance` of points that are `pitch` apart one way and `pitch / cosine` the other.
 pub(super) fn covered_share(pitch: f32, cosine: f32, tolerance: f32) -> f32 {
@@ -264,7 +268,7 @@ impl Marcher<'_> {
                 counts[0] += u32::from(hidden);
                 counts[if hidden { 3 } else { 2 }] += 1;
                 *covered += voxel.covered;
-                area.known += across(at) / f64::from(cosine.max(GRAZING));
+                area.known += across(at) / f64::from(cosine.max(EDGE));
                 area.beyond += if hidden { across(at) } else { 0.0 };
             }
         }

@@ -1,0 +1,68 @@
+use super::*;
+use crate::{Scan, Session, SessionConfig};
+use geometry::PointCloud;
+use nalgebra::Point3;
+
+/// A sheet of 8 x 8 cm from `x` on, 2 mm apart, seen from 1.2 m above.
+fn sheet(x: f64) -> Scan {
+    let points =
+        (0..1_600).map(|i| Point3::new(x + 0.002 * f64::from(i % 40), 0.002 * f64::from(i / 40), 0.0)).collect();
+    Scan::Cloud { cloud: PointCloud { points, normals: Vec::new() }, from: Some(Point3::new(x + 0.04, 0.04, 1.2)) }
+}
+
+fn session(starts: &[f64]) -> Session {
+    let mut session = Session::new(SessionConfig::default(), None).expect("settings in range");
+    for &x in starts {
+        session.add_scan(sheet(x)).expect("a scan");
+    }
+    session
+}
+
+#[test]
+fn the_last_scan_added_what_no_scan_before_had_measured() {
+    let added = |starts: &[f64]| {
+        let session = session(starts);
+        last_added(&session.scans, &session.state)
+    };
+    assert_eq!(added(&[0.0]), None, "nothing to compare it with");
+    // Within the tolerance of 2 mm a column more counts as known.
+    let near = |starts: &[f64], share: f64| {
+        let added = added(starts).expect("scans before");
+        assert!((added - share).abs() < 0.03, "{starts:?}: {added}, not {share}");
+    };
+    near(&[0.0, 0.0], 0.0);
+    near(&[0.0, 0.04], 1.0 / 3.0);
+    near(&[0.0, 0.2], 0.5);
+    near(&[0.0, 0.2, 0.04], 0.04 / 0.2);
+}
+
+#[test]
+fn gains_fall_no_faster_than_scans_before_lead_one_to_expect() {
+    let answer = session(&[0.0]).next_view().expect("an answer");
+    let mut candidates = answer.candidates;
+    candidates.truncate(3);
+    let set = |candidates: &mut [Candidate]| {
+        for (candidate, gain) in candidates.iter_mut().zip([0.004, 0.01, 0.5]) {
+            candidate.objections.clear();
+            candidate.expected_gain = Some(gain);
+        }
+        candidates[2].objections.push(crate::constraints::Objection::scanned());
+    };
+    let missing = || Missing { share: 0.02, between: [0.01, 0.03], ..answer.missing.clone().expect("made out") };
+    let gains = |candidates: &[Candidate]| candidates.iter().filter_map(|c| c.expected_gain).collect::<Vec<_>>();
+    set(&mut candidates);
+    let mut left = missing();
+    assert!(!heed(&mut candidates, Some(&mut left), 0.019), "half of it is less than the planner expects");
+    assert_eq!(gains(&candidates), [0.004, 0.01, 0.5]);
+    assert_eq!(left.share, 0.02);
+    assert!(heed(&mut candidates, Some(&mut left), 0.1));
+    let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a}, not {b}");
+    // 0.01 and 0.7 of what is more in 0.05; the other by the same factor, the one that may not be taken no further than it was.
+    let raised = gains(&candidates);
+    near(raised[1], 0.038);
+    near(raised[0], 0.0152);
+    near(raised[2], 0.5);
+    near(left.share, 0.02 + 0.7 * 0.08);
+    assert!(left.between[1] > 0.1 && left.between[0] == 0.01, "{:?}", left.between);
+    assert!(raised[1] <= left.share, "no more than is missing");
+}
