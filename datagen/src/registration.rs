@@ -35,6 +35,8 @@ pub struct EpisodeRegistration {
     /// What follows a scan that is left out, whatever the policy: `ignore`, or `bridge` to keep it, try it again, and take a view that
     /// connects it.
     pub after_alarm: AfterAlarm,
+    /// Adjust all scans together after each that is merged, whatever the policy.
+    pub adjust: bool,
 }
 
 impl Default for EpisodeRegistration {
@@ -47,6 +49,7 @@ impl Default for EpisodeRegistration {
             gate: true,
             registrability: Registrability::Off,
             after_alarm: AfterAlarm::Ignore,
+            adjust: true,
         }
     }
 }
@@ -64,6 +67,7 @@ impl EpisodeRegistration {
             pose_error_about: About::Object,
             registrability: self.registrability,
             after_alarm: self.after_alarm,
+            adjust: self.adjust,
         }
     }
 
@@ -123,6 +127,9 @@ pub struct ViewRegistration {
     pub left_m: Option<f64>,
     /// Whether that is more than the tolerance.
     pub failed: bool,
+    /// As `left_m`, but as adjusted since with the scans that came later; absent where that did not move it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adjusted_m: Option<f64>,
     /// Why it was not merged.
     pub refused: Option<Refused>,
     /// From where it is to where it was put: as registered where it was merged, else as given.
@@ -205,6 +212,27 @@ pub(crate) struct Placed {
     views: Vec<ViewRegistration>,
     next: PointCloud,
     waiting: Vec<Waiting>,
+    /// What was merged, in that order.
+    scans: Vec<Merged>,
+}
+
+/// A scan that was merged.
+struct Merged {
+    /// Its number in the session, and its next view from 0; the first scan has none.
+    number: usize,
+    view: Option<usize>,
+    /// Its points as given, and in their true places.
+    given: Vec<Point3<f64>>,
+    truth: Vec<Point3<f64>>,
+    correction: Isometry3<f64>,
+}
+
+impl Merged {
+    /// Its points where they are put, each with the square of how far off that is. The first scan is in its true place.
+    fn squared_errors(&self) -> impl Iterator<Item = (Point3<f64>, f64)> + '_ {
+        let placed = self.given.iter().map(|p| self.correction * p);
+        placed.zip(&self.truth).map(|(p, truth)| (p, (p - truth).norm_squared()))
+    }
 }
 
 /// A scan that was left out, and may be merged later.
@@ -239,6 +267,7 @@ impl Placed {
         self.views.push(ViewRegistration {
             given_m: (squared / shot.points.len().max(1) as f64).sqrt(),
             left_m: None,
+            adjusted_m: None,
             failed: false,
             refused: shot.points.is_empty().then_some(Refused::Empty),
             placed_from_true: shot.world_from_camera * shot.actual.inverse(),
@@ -261,17 +290,23 @@ impl Placed {
         };
         orient_normals_toward(&mut self.next, camera);
         let points = self.next.points.clone();
+        let truth = points.clone();
         self.merge(&points, grid_size, f64::INFINITY);
+        self.scans.push(Merged { number: 1, view: None, given: points, truth, correction: Isometry3::identity() });
     }
 
     /// The scan that was looked at is merged, its points as given corrected so. Answers with where they are then.
     pub fn add(
         &mut self,
+        number: usize,
         given: &[Point3<f64>],
         correction: &Isometry3<f64>,
         grid_size: f64,
         tolerance: f64,
     ) -> Vec<Point3<f64>> {
+        let view = self.views.len().checked_sub(1);
+        let truth = self.next.points.clone();
+        self.scans.push(Merged { number, view, given: given.to_vec(), truth, correction: *correction });
         let registered: Vec<_> = given.iter().map(|p| correction * p).collect();
         let before = self.squared;
         let count = registered.len();
@@ -303,12 +338,53 @@ impl Placed {
             let registered: Vec<_> = scan.given.iter().map(|p| correction * p).collect();
             let count = registered.len();
             self.next = scan.truth;
+            let truth = self.next.points.clone();
+            let (number, view) = (scan.number, Some(scan.view));
+            self.scans.push(Merged { number, view, given: scan.given, truth, correction });
             self.merge(&registered, grid_size, tolerance);
             let left = ((self.squared - before) / count.max(1) as f64).sqrt();
             let waited = self.views.len() - 1 - scan.view;
             let view = &mut self.views[scan.view];
             (view.refused, view.waited) = (None, waited);
             view.merged(&correction, left, tolerance);
+        }
+    }
+
+    /// Moves what was merged to where the session adjusted it to: the corrections of its scans, by number.
+    pub fn follow(
+        &mut self,
+        corrections: impl Iterator<Item = (usize, Isometry3<f64>)>,
+        grid_size: f64,
+        tolerance: f64,
+    ) {
+        let mut any = false;
+        for (number, correction) in corrections {
+            let Some(scan) = self.scans.iter_mut().find(|scan| scan.number == number) else { continue };
+            let motion = correction * scan.correction.inverse();
+            if correction == scan.correction {
+                continue;
+            }
+            scan.correction = correction;
+            any = true;
+            let Some(view) = scan.view.map(|view| &mut self.views[view]) else { continue };
+            let squared = scan.squared_errors().map(|(_, squared)| squared).sum::<f64>();
+            view.adjusted_m = Some((squared / scan.given.len().max(1) as f64).sqrt());
+            view.placed_from_true = motion * view.placed_from_true;
+        }
+        if !any {
+            return;
+        }
+        (self.sound, self.squared, self.off) = Default::default();
+        for scan in &self.scans {
+            let mut sound = PointCloud::default();
+            for (p, squared) in scan.squared_errors() {
+                self.squared += squared;
+                match squared < tolerance * tolerance {
+                    true => sound.points.push(p),
+                    false => self.off += 1,
+                }
+            }
+            self.sound = averaged(&self.sound, &sound, grid_size, Accumulate::Averaged.voxel_origin());
         }
     }
 

@@ -203,8 +203,10 @@ impl<'a> World<'a> {
                     return Ok(());
                 }
                 let correction = found.map_or_else(Isometry3::identity, |found| found.correction);
-                let points = placed.add(&points, &correction, self.grid_size, self.config.tolerance_m);
+                let number = self.session.num_scans();
+                let points = placed.add(number, &points, &correction, self.grid_size, self.config.tolerance_m);
                 placed.take_in(|number| self.session.correction(number), self.grid_size, self.config.tolerance_m);
+                placed.follow(self.session.corrections(), self.grid_size, self.config.tolerance_m);
                 points
             }
         };

@@ -1,6 +1,7 @@
 //! Registration of a scan onto the cloud: point-to-plane ICP that starts from the pose given, says which motions the overlap
 //! does not determine, and refuses what is not safe. The method and what it is worth: docs/registration.md.
 
+pub mod adjust;
 pub mod config;
 mod gate;
 mod icp;

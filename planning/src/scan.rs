@@ -186,6 +186,8 @@ pub(crate) struct PreparedScan {
     pub doubt: Option<PositionDoubt>,
     /// Whether it was registered onto those before it.
     pub moved: bool,
+    /// How it was adjusted since, oldest first, each with the number of the scan that was merged then.
+    pub adjusted: Vec<(usize, Isometry3<f64>)>,
     /// Which scan of the session it is, from 1, and the one with which it was merged: a later one if it had to wait.
     pub number: usize,
     pub merged_with: usize,
@@ -352,6 +354,7 @@ pub(crate) fn prepare(
             measured_spacing,
             doubt,
             moved: false,
+            adjusted: Vec::new(),
             number: 0,
             merged_with: 0,
             report,

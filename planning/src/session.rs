@@ -1,5 +1,6 @@
 //! A robot's loop: add scans, ask for the next view, undo, reset.
 
+mod adjusting;
 mod aside;
 mod bounds;
 mod bridging;
@@ -207,6 +208,7 @@ impl Session {
             self.state.near = near.into();
         }
         self.try_again(number);
+        self.adjust(number);
         Ok(report)
     }
 

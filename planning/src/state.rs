@@ -35,6 +35,17 @@ pub enum Seen {
     Points(Vec<Point3<f64>>),
 }
 
+impl Seen {
+    /// Whether this may be what the other saw, moved.
+    pub(crate) fn is_as_large_as(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Depth { depth: a, .. }, Self::Depth { depth: b, .. }) => a == b,
+            (Self::Points(a), Self::Points(b)) => a.len() == b.len(),
+            _ => false,
+        }
+    }
+}
+
 /// One scan done so far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PastScan {

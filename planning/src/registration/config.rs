@@ -86,6 +86,8 @@ pub struct RegistrationConfig {
     pub registrability: Registrability,
     /// What follows a scan that could not be registered.
     pub after_alarm: AfterAlarm,
+    /// Adjust all scans together after each that is merged (`register = "refine"`): later ones may hold earlier ones better.
+    pub adjust: bool,
 }
 
 impl Default for RegistrationConfig {
@@ -101,6 +103,7 @@ impl Default for RegistrationConfig {
             pose_error_about: About::Camera,
             registrability: Registrability::Auto,
             after_alarm: AfterAlarm::Ignore,
+            adjust: true,
         }
     }
 }

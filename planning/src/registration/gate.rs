@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 /// Larger corrections than this many times what the robot's accuracy explains are wrong ones.
 const FARTHEST: f64 = 2.2;
-/// Tolerances that the expected error may be.
-const UNSURE: f64 = 0.35;
+/// Tolerances that the expected error may be: later scans still mend it.
+const UNSURE: f64 = 0.6;
 
 /// Why a registration must not be used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]

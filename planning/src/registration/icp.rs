@@ -130,12 +130,14 @@ fn find_pairs(
     for i in (0..scan.len()).step_by(stride) {
         let p = fit.rotation * (scan.points[i] - frame.center) + fit.shift;
         let Some(j) = model.nearest(&(frame.center + p), reach) else { continue };
-        let n = model.normals[j];
+        let mut n = model.normals[j];
         if kind == Icp::Good {
             let own = fit.rotation * scan.normals[i];
             if n.dot(&own) <= LIKE * own.norm() {
                 continue;
             }
+            // Symmetric in the two surfaces (Rusinkiewicz 2019): curvature pulls to neither side.
+            n = (n + own.normalize()).normalize();
         }
         let r = n.dot(&(model.cloud.points[j] - frame.center - p));
         pairs.push(Pair { p, n, r, rim: model.rim[j] });

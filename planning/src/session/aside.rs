@@ -60,6 +60,7 @@ impl Session {
         let (stay, go): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.scans).into_iter().partition(|scan| scan.merged_with <= count);
         self.scans = stay;
+        self.scans.iter_mut().for_each(|scan| scan.unadjust(count));
         self.aside.extend(go.into_iter().map(PreparedScan::unmoved));
         self.aside.retain(|scan| scan.number <= count);
         self.aside.sort_by_key(|scan| scan.number);

@@ -176,11 +176,12 @@ impl PreparedScan {
             let back = found.correction.inverse();
             self.move_by(&back);
             self.moved = false;
+            self.adjusted.clear();
         }
         self
     }
 
-    fn move_by(&mut self, motion: &Isometry3<f64>) {
+    pub(super) fn move_by(&mut self, motion: &Isometry3<f64>) {
         self.moved = true;
         self.cloud = self.cloud.transformed(motion);
         for past in &mut self.past {

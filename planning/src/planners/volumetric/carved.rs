@@ -11,6 +11,9 @@ use std::sync::Arc;
 /// Share of the cloud in a scan's background from which on it is none.
 const CONTRADICTED: f64 = 0.02;
 
+/// Tolerances by which an adjusted scan may lie elsewhere than when it was carved: voxels are two or more wide.
+const STAYS: f64 = 0.5;
+
 /// A scan taken in.
 #[derive(Clone, Debug)]
 pub(super) struct Carved {
@@ -50,7 +53,13 @@ impl VolumetricPlanner {
     /// The grid with all scans in it, or as many as there was time for.
     pub(super) fn carved_grid(&mut self, state: &ScanState) -> VoxelGrid {
         let bounded = self.config.workspace.is_some();
-        let same = |(old, new): (&Carved, &Arc<PastScan>)| Arc::ptr_eq(&old.scan, new);
+        let (low, high) = state.cloud.bounding_box();
+        let stays = |old: &PastScan, new: &PastScan| {
+            let motion = new.world_from_camera * old.world_from_camera.inverse();
+            let near = |p: &Point3<f64>| (motion * p - p).norm() < STAYS * state.tolerance;
+            near(&low) && near(&high) && old.seen.is_as_large_as(&new.seen)
+        };
+        let same = |(old, new): (&Carved, &Arc<PastScan>)| Arc::ptr_eq(&old.scan, new) || stays(&old.scan, new);
         let goes_on = self.carved.len() <= state.scans.len() && self.carved.iter().zip(&state.scans).all(same);
         let kept = self.grid.take().filter(|grid| goes_on && (bounded || grid.holds(&state.cloud.points)));
         let mut grid = kept.unwrap_or_else(|| {
