@@ -1,7 +1,10 @@
 //! Episodes whose scans have to be registered: how far off they are given, and how each was registered.
 
+mod following;
+
 use crate::pose_error::disturbance;
 use crate::world::Shot;
+use following::Merged;
 use formats::config::SettingError;
 use geometry::rng::stream;
 use geometry::{Neighborhoods, PointCloud, View, estimate_normals, orient_normals_toward};
@@ -216,25 +219,6 @@ pub(crate) struct Placed {
     scans: Vec<Merged>,
 }
 
-/// A scan that was merged.
-struct Merged {
-    /// Its number in the session, and its next view from 0; the first scan has none.
-    number: usize,
-    view: Option<usize>,
-    /// Its points as given, and in their true places.
-    given: Vec<Point3<f64>>,
-    truth: Vec<Point3<f64>>,
-    correction: Isometry3<f64>,
-}
-
-impl Merged {
-    /// Its points where they are put, each with the square of how far off that is. The first scan is in its true place.
-    fn squared_errors(&self) -> impl Iterator<Item = (Point3<f64>, f64)> + '_ {
-        let placed = self.given.iter().map(|p| self.correction * p);
-        placed.zip(&self.truth).map(|(p, truth)| (p, (p - truth).norm_squared()))
-    }
-}
-
 /// A scan that was left out, and may be merged later.
 struct Waiting {
     /// Its number in the session, and its next view from 0.
@@ -347,44 +331,6 @@ impl Placed {
             let view = &mut self.views[scan.view];
             (view.refused, view.waited) = (None, waited);
             view.merged(&correction, left, tolerance);
-        }
-    }
-
-    /// Moves what was merged to where the session adjusted it to: the corrections of its scans, by number.
-    pub fn follow(
-        &mut self,
-        corrections: impl Iterator<Item = (usize, Isometry3<f64>)>,
-        grid_size: f64,
-        tolerance: f64,
-    ) {
-        let mut any = false;
-        for (number, correction) in corrections {
-            let Some(scan) = self.scans.iter_mut().find(|scan| scan.number == number) else { continue };
-            let motion = correction * scan.correction.inverse();
-            if correction == scan.correction {
-                continue;
-            }
-            scan.correction = correction;
-            any = true;
-            let Some(view) = scan.view.map(|view| &mut self.views[view]) else { continue };
-            let squared = scan.squared_errors().map(|(_, squared)| squared).sum::<f64>();
-            view.adjusted_m = Some((squared / scan.given.len().max(1) as f64).sqrt());
-            view.placed_from_true = motion * view.placed_from_true;
-        }
-        if !any {
-            return;
-        }
-        (self.sound, self.squared, self.off) = Default::default();
-        for scan in &self.scans {
-            let mut sound = PointCloud::default();
-            for (p, squared) in scan.squared_errors() {
-                self.squared += squared;
-                match squared < tolerance * tolerance {
-                    true => sound.points.push(p),
-                    false => self.off += 1,
-                }
-            }
-            self.sound = averaged(&self.sound, &sound, grid_size, Accumulate::Averaged.voxel_origin());
         }
     }
 
