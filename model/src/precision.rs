@@ -48,17 +48,55 @@ impl Precision {
             Precision::Tf32 if name == "cuda" => refuse("burn leaves the choice of tf32 to its autotune"),
             Precision::Tf32 => refuse("Vulkan, Metal and DX12 have no tf32"),
             Precision::Bf16 if multiplies_bf16(device) => Ok(()),
+            Precision::Bf16 if name == "wgpu" && !cfg!(feature = "spirv") => refuse(
+                "this program hands kernels over as WGSL, which has no bf16 (`cargo build --release -p train \
+                 --features spirv` builds one that does not)",
+            ),
             Precision::Bf16 => refuse("its driver offers no matrix units for bf16"),
         }
     }
 
     /// The product of two matrices, in f32.
     #[cfg(any(feature = "wgpu", feature = "cuda", test))]
-    pub(crate) fn product(self, a: Tensor<2>, b: Tensor<2>) -> Tensor<2> {
+    pub(crate) fn product<const D: usize>(self, a: Tensor<D>, b: Tensor<D>) -> Tensor<D> {
+        self.product_as_is(a, b).cast(DType::F32)
+    }
+
+    /// The same in the precision that it comes out in, for those who read it once.
+    #[cfg(any(feature = "wgpu", feature = "cuda", test))]
+    pub(crate) fn product_as_is<const D: usize>(self, a: Tensor<D>, b: Tensor<D>) -> Tensor<D> {
         match self {
             Precision::F32 | Precision::Tf32 => a.matmul(b),
-            Precision::Bf16 => a.cast(DType::BF16).matmul(b.cast(DType::BF16)).cast(DType::F32),
+            // The same numbers from the CPU's f32 products, which are fast where its bf16 ones are not.
+            Precision::Bf16 if !crate::device::works_by_itself(&a.device()) => {
+                let rounded = |x: Tensor<D>| x.cast(DType::BF16).cast(DType::F32);
+                let (a, b) = (rounded(a), rounded(b));
+                #[cfg(test)]
+                if let Some(product) = halves(&a, &b) {
+                    return rounded(product);
+                }
+                rounded(a.matmul(b))
+            }
+            Precision::Bf16 => a.cast(DType::BF16).matmul(b.cast(DType::BF16)),
         }
+    }
+
+    /// a' b of two tall matrices [rows, K] and [rows, C], in f32. Cut into parts of the rows, since a GPU gives a
+    /// multiprocessor a tile of the result, and a result of [256, 512] has eight tiles.
+    #[cfg(any(feature = "wgpu", feature = "cuda", test))]
+    pub(crate) fn product_over_rows(self, a: Tensor<2>, b: Tensor<2>) -> Tensor<2> {
+        const TILE: usize = 128;
+        const TILES: usize = 256;
+        const LEAST_ROWS: usize = 512;
+        let ([rows, k], [_, c]) = (a.dims(), b.dims());
+        let wanted = (TILES / (k.div_ceil(TILE) * c.div_ceil(TILE))).clamp(1, (rows / LEAST_ROWS).max(1));
+        // All parts alike, so a divisor of the rows.
+        let parts = (1..=wanted).rev().find(|parts| rows.is_multiple_of(*parts)).unwrap_or(1);
+        if parts == 1 {
+            return self.product(a.transpose(), b);
+        }
+        let cut = |x: Tensor<2>, width| x.reshape([parts, rows / parts, width]);
+        self.product(cut(a, k).swap_dims(1, 2), cut(b, c)).sum_dim(0).squeeze_dim(0)
     }
 }
 
@@ -97,6 +135,32 @@ fn multiplies_bf16(_: &Device) -> bool {
 }
 
 #[cfg(test)]
+thread_local! {
+    static HALVES: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Sums the CPU's products in bf16 in another order, as another device would.
+#[cfg(test)]
+pub(crate) fn in_two_halves<R>(forward: impl FnOnce() -> R) -> R {
+    HALVES.set(true);
+    let out = forward();
+    HALVES.set(false);
+    out
+}
+
+/// The product, summed in two halves where this is asked for.
+#[cfg(test)]
+fn halves<const D: usize>(a: &Tensor<D>, b: &Tensor<D>) -> Option<Tensor<D>> {
+    let columns = a.dims()[D - 1];
+    if !HALVES.get() || columns < 2 {
+        return None;
+    }
+    let (half, rest) = (columns / 2, columns - columns / 2);
+    let part = |first, count| a.clone().narrow(D - 1, first, count).matmul(b.clone().narrow(D - 2, first, count));
+    Some(part(0, half) + part(half, rest))
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use burn::tensor::TensorData;
@@ -124,6 +188,21 @@ mod tests {
         assert_eq!(found.into_data().iter::<f32>().collect::<Vec<_>>(), [1.0, 0.0, 0.0, 1.0 + 2f32.powi(-6)]);
         let exact = Precision::F32.product(a.clone(), one);
         assert_eq!(exact.into_data(), a.into_data());
+    }
+
+    #[test]
+    fn a_product_over_rows_is_the_same_in_parts() {
+        let device = Device::flex();
+        let tall = |columns: usize, rows: usize| {
+            let values = (0..rows * columns).map(|i| ((i * 37) % 101) as f32 / 101.0 - 0.5).collect::<Vec<_>>();
+            Tensor::<2>::from_data(TensorData::new(values, [rows, columns]), &device)
+        };
+        for rows in [7, 1200, 4096, 4099] {
+            let (a, b) = (tall(3, rows), tall(5, rows));
+            let whole = a.clone().transpose().matmul(b.clone());
+            let apart = (Precision::F32.product_over_rows(a, b) - whole).abs().max().into_scalar::<f32>();
+            assert!(apart < 1e-3, "{rows} rows: {apart}");
+        }
     }
 
     #[test]

@@ -3,10 +3,13 @@
 //!
 //! Kept for the backward pass are the products of the layers before the last, nothing as wide as the last, and no
 //! buffer is larger than `SLICE_BYTES` (or one sample) whatever the batch: plain layers hold some twenty buffers of
-//! [B*N, C], of which wgpu refuses any of 2 GiB. Statistics are merged over the slices, so they are those of the whole batch.
+//! [B*N, C], of which wgpu refuses any of 2 GiB. Statistics are summed over the slices, so they are those of the whole batch.
 
 mod backward;
+mod columns;
 mod forward;
+#[cfg(feature = "wgpu")]
+mod kernels;
 
 use super::{MOST_LAYERS, PARAMETERS};
 use crate::blocks::{self, LinearBn};
@@ -20,7 +23,6 @@ use forward::{Layer, Saved};
 use std::sync::{Arc, Mutex};
 
 /// Most bytes of a buffer: an eighth of what wgpu allows, and large enough to keep a card busy.
-#[cfg(any(feature = "wgpu", feature = "cuda"))]
 pub const SLICE_BYTES: usize = 256 << 20;
 
 /// [B, N, 3] -> [B, C] in training, with the gradients of all parameters; `None` where a parameter is not on the backend
@@ -139,5 +141,7 @@ where
     }
 }
 
+#[cfg(test)]
+mod rounded_steps;
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,8 @@
 //! The backward pass in slices; its mathematics is in [`crate::shared_mlp::backward`].
 
-use super::forward::{Layer, Normalised, Saved};
-use burn::tensor::{IndexingUpdateOp, Int, Tensor};
+use super::columns::{self, Winners};
+use super::forward::{Layer, Normalised, Saved, add};
+use burn::tensor::Tensor;
 
 /// Gradients of one layer's parameters. That of the bias is zero: batch norm takes the mean off again.
 #[derive(Clone, Debug)]
@@ -65,7 +66,6 @@ pub fn backward(layers: &[Layer], mut saved: Saved, gradient: Tensor<2>) -> Vec<
 
 fn last_layer(layer: &Layer, saved: &Saved, gradient: Tensor<2>, rows: usize) -> (LayerGradients, Option<Flow>) {
     let norm = &saved.norms[saved.norms.len() - 1];
-    let [k, c] = layer.weight.dims();
     // dy of each winner; nothing flows where the ReLU is off.
     let dy = gradient.mask_fill(saved.out.clone().lower_equal_scalar(0.0), 0.0); // [B, C]
     let product = (dy.clone() * (saved.best.clone() * layer.sign() - norm.mean.clone())).sum_dim(0);
@@ -85,19 +85,16 @@ fn last_layer(layer: &Layer, saved: &Saved, gradient: Tensor<2>, rows: usize) ->
     for (slice, winner) in saved.winner.iter().enumerate() {
         let [size, _] = winner.dims();
         let a = saved.input(saved.hidden.len(), slice); // [rows, K]
-        let s_dy = s_dy.clone().narrow(0, first, size).reshape([size * c, 1]);
+        let s_dy = s_dy.clone().narrow(0, first, size);
         first += size;
-        let at = rows_of(winner, saved.n); // [samples * C]
-        let of_winners = a.clone().select(0, at.clone()) * s_dy.clone(); // [samples * C, K]
-        add(&mut weight, of_winners.reshape([size, c, k]).sum_dim(0).reshape([c, k]));
+        add(&mut weight, columns::at_winners(&a, &s_dy, winner));
         let centred = a.clone() - saved.input_mean.clone();
-        add(&mut gram, precision.product(centred.clone().transpose(), centred));
+        add(&mut gram, precision.product_over_rows(centred.clone(), centred));
         let Some(below) = below else { continue };
-        let da = constant.clone() - precision.product(a.clone(), mixing.clone()); // [rows, K]
-        let to_winners = transposed.clone().unsqueeze::<3>().expand([size, c, k]).reshape([size * c, k]) * s_dy;
-        let at = at.reshape([size * c, 1]).expand([size * c, k]);
-        let da = da.scatter(0, at, to_winners, IndexingUpdateOp::Add);
-        flow.push(da, a, saved.hidden[below][slice].clone(), &saved.norms[below]);
+        let mixed = precision.product(a, mixing.clone()); // [rows, K]
+        let winners = Winners { s_dy: &s_dy, winner, transposed: &transposed };
+        let (h, norm) = (&saved.hidden[below][slice], &saved.norms[below]);
+        flow.push(columns::through_winners(mixed, &constant, winners, h, norm));
     }
     let (Some(s), Some(gram)) = (weight, gram) else { unreachable!("a batch has a slice") };
     let mean = saved.input_mean.clone().transpose().matmul(back.s_m1.clone()) * rows as f64; // [K, C]
@@ -105,39 +102,23 @@ fn last_layer(layer: &Layer, saved: &Saved, gradient: Tensor<2>, rows: usize) ->
     (LayerGradients { weight, gamma: back.gamma, beta: back.beta }, flow.finish())
 }
 
-/// Rows of a slice that hold these points of its samples: [samples, C] -> [samples * C].
-fn rows_of(winner: &Tensor<2, Int>, n: usize) -> Tensor<1, Int> {
-    let [size, c] = winner.dims();
-    let first = Tensor::<1, Int>::arange(0..size as i64, &winner.device()).reshape([size, 1]) * n as i64;
-    (winner.clone() + first).reshape([size * c])
-}
-
-fn add(sum: &mut Option<Tensor<2>>, part: Tensor<2>) {
-    *sum = Some(match sum.take() {
-        Some(sum) => sum + part,
-        None => part,
-    });
-}
-
 /// Gathers a [`Flow`].
 #[derive(Default)]
 struct Sums {
     dy: Vec<Tensor<2>>,
-    sum: Option<Tensor<2>>,
-    product: Option<Tensor<2>>,
+    /// [2, C].
+    sums: Option<Tensor<2>>,
 }
 
 impl Sums {
-    /// Through the ReLU of a slice, whose output is `a`, and whose batch norm's input is `h`.
-    fn push(&mut self, da: Tensor<2>, a: Tensor<2>, h: Tensor<2>, norm: &Normalised) {
-        let dy = da.mask_fill(a.lower_equal_scalar(0.0), 0.0);
-        add(&mut self.sum, dy.clone().sum_dim(0));
-        add(&mut self.product, (dy.clone() * (h - norm.mean.clone())).sum_dim(0));
+    fn push(&mut self, (dy, sums): (Tensor<2>, Tensor<2>)) {
+        add(&mut self.sums, sums);
         self.dy.push(dy);
     }
 
     fn finish(self) -> Option<Flow> {
-        Some(Flow { dy: self.dy, sum: self.sum?, product: self.product? })
+        let sums = self.sums?;
+        Some(Flow { dy: self.dy, sum: sums.clone().narrow(0, 0, 1), product: sums.narrow(0, 1, 1) })
     }
 }
 
@@ -160,10 +141,10 @@ fn hidden_layer(
     for (slice, (dy, h)) in flow.dy.into_iter().zip(h).enumerate() {
         let dh = dy * back.s.clone() - p.clone() - h * back.d.clone(); // [rows, C]
         let a = saved.input(index, slice); // [rows, K]
-        add(&mut weight, precision.product(a.clone().transpose(), dh.clone()));
+        add(&mut weight, precision.product_over_rows(a, dh.clone()));
         if let Some(before) = index.checked_sub(1) {
             let da = precision.product(dh, transposed.clone()); // [rows, K]
-            below.push(da, a, saved.hidden[before][slice].clone(), &saved.norms[before]);
+            below.push(columns::through_relu(da, &saved.hidden[before][slice], &saved.norms[before]));
         }
     }
     let Some(weight) = weight else { unreachable!("a batch has a slice") };

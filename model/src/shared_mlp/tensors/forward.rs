@@ -1,8 +1,9 @@
 //! The forward pass in slices.
 
+use super::columns::{self, Largest};
 use crate::precision::Precision;
 use burn::tensor::activation::relu;
-use burn::tensor::{Int, Tensor};
+use burn::tensor::{DType, Int, Tensor};
 
 /// One layer's parameters: weight [K, C], the others [1, C].
 #[derive(Clone, Debug)]
@@ -35,8 +36,6 @@ pub struct Normalised {
 /// What the backward pass needs of the forward pass.
 #[derive(Debug)]
 pub struct Saved {
-    /// Points per sample.
-    pub n: usize,
     /// Of the products.
     pub precision: Precision,
     /// The input, per slice: [rows, 3].
@@ -88,39 +87,35 @@ fn input(
     }
 }
 
-/// Mean and squared deviations of columns, slice by slice, and of their merger (Chan, Golub and LeVeque 1983).
+/// Rows of the first slice whose mean is the centre that all deviations are taken from: near enough to the mean of all that
+/// sums of squares lose no digits.
+const CENTRE_ROWS: usize = 64;
+
+/// Sums of a layer's products over the slices.
 #[derive(Default)]
 struct Moments {
-    rows: Vec<f64>,
-    means: Vec<Tensor<2>>,
-    squares: Vec<Tensor<2>>,
+    /// [1, C].
+    centre: Option<Tensor<2>>,
+    /// Of deviations from the centre, and of their squares, [2, C].
+    sums: Option<Tensor<2>>,
 }
 
 impl Moments {
-    /// Adds the rows of a product whose columns have this mean, [1, C].
-    fn add(&mut self, product: &Tensor<2>, mean: Tensor<2>) {
-        let deviation = product.clone() - mean.clone();
-        self.squares.push((deviation.clone() * deviation).sum_dim(0));
-        self.rows.push(product.dims()[0] as f64);
-        self.means.push(mean);
+    /// The centre, for the products of a slice.
+    fn centre(&mut self, product: &Tensor<2>) -> Tensor<2> {
+        let first = |product: &Tensor<2>| {
+            let rows = product.dims()[0].min(CENTRE_ROWS);
+            product.clone().narrow(0, 0, rows).cast(DType::F32).mean_dim(0)
+        };
+        self.centre.get_or_insert_with(|| first(product)).clone()
     }
 
-    fn total(&self) -> f64 {
-        self.rows.iter().sum()
-    }
-
-    fn mean(&self) -> Tensor<2> {
-        weighted_mean(&self.means, &self.rows)
-    }
-
-    fn normalised(self, layer: &Layer) -> Normalised {
-        let (mean, total) = (self.mean(), self.total());
-        let between = self.means.iter().zip(&self.rows).map(|(of_slice, rows)| {
-            let d = of_slice.clone() - mean.clone();
-            d.clone() * d * *rows
-        });
-        let variance =
-            between.chain(self.squares).reduce(|a, b| a + b).map_or_else(|| mean.zeros_like(), |s| s / total);
+    fn normalised(self, layer: &Layer, rows: usize) -> Normalised {
+        let (Some(centre), Some(sums)) = (self.centre, self.sums) else { unreachable!("a batch has a slice") };
+        let (first, second) = (sums.clone().narrow(0, 0, 1), sums.narrow(0, 1, 1));
+        let shifted = first / rows as f64;
+        let variance = (second / rows as f64 - shifted.clone() * shifted.clone()).clamp_min(0.0);
+        let mean = centre + shifted;
         let deviation = (variance.clone() + layer.epsilon).sqrt();
         let scale = layer.gamma.clone() / deviation.clone();
         let shift = layer.beta.clone() - mean.clone() * scale.clone();
@@ -128,11 +123,12 @@ impl Moments {
     }
 }
 
-/// Mean of the slices' means, each by its rows.
-fn weighted_mean(means: &[Tensor<2>], rows: &[f64]) -> Tensor<2> {
-    let total: f64 = rows.iter().sum();
-    let parts = means.iter().zip(rows).map(|(mean, rows)| mean.clone() * (rows / total));
-    parts.reduce(|a, b| a + b).unwrap_or_else(|| unreachable!("a batch has a slice"))
+/// Adds to a sum that may not have begun.
+pub fn add(sum: &mut Option<Tensor<2>>, part: Tensor<2>) {
+    *sum = Some(match sum.take() {
+        Some(sum) => sum + part,
+        None => part,
+    });
 }
 
 /// Training, `in_slice` samples at a time: batch statistics over all rows of `points`, [B, N, 3].
@@ -151,32 +147,36 @@ pub fn train(layers: &[Layer], points: &Tensor<3>, in_slice: usize, precision: P
         let mut products = Vec::with_capacity(slices.len());
         for slice in 0..slices.len() {
             let a = input(&slices, &hidden, &norms, index, slice);
-            let product = precision_of(precision, index).product(a.clone(), layer.weight.clone()); // [rows, C]
-            moments.add(&product, a.mean_dim(0).matmul(layer.weight.clone()));
+            let product = precision_of(precision, index).product(a, layer.weight.clone()); // [rows, C]
+            let centre = moments.centre(&product);
+            add(&mut moments.sums, columns::sums(&product, &centre));
             products.push(product);
         }
-        norms.push(moments.normalised(layer));
+        norms.push(moments.normalised(layer, samples * n));
         hidden.push(products);
     }
     let sign = last.sign();
-    let [_, width] = last.weight.dims();
     let mut moments = Moments::default();
-    let (mut best, mut winner, mut input_means) = (Vec::new(), Vec::new(), Vec::new());
-    for (slice, size) in sizes.iter().enumerate() {
-        let a = input(&slices, &hidden, &norms, layers.len() - 1, slice);
+    let (mut best, mut winner, mut input_sum) = (Vec::new(), Vec::new(), None);
+    for slice in 0..slices.len() {
+        let (a, sum) = match hidden.last().zip(norms.last()) {
+            Some((h, norm)) => columns::activated(&h[slice], norm),
+            None => (slices[slice].clone(), slices[slice].clone().sum_dim(0)),
+        };
+        add(&mut input_sum, sum);
         // [rows, C], gone with the slice
-        let product = precision_of(precision, before.len()).product(a.clone(), last.weight.clone());
-        let mean = a.mean_dim(0); // [1, K]
-        moments.add(&product, mean.clone().matmul(last.weight.clone()));
-        input_means.push(mean);
-        let (values, points) = (product * sign.clone()).reshape([*size, n, width]).max_dim_with_indices(1);
-        best.push(values.reshape([*size, width]));
-        winner.push(points.reshape([*size, width]));
+        let product = precision_of(precision, before.len()).product_as_is(a, last.weight.clone());
+        let centre = moments.centre(&product);
+        let found: Largest = columns::largest(&product, &centre, &sign, n);
+        add(&mut moments.sums, found.sums);
+        best.push(found.best);
+        winner.push(found.winner);
     }
-    let input_mean = weighted_mean(&input_means, &moments.rows);
-    let norm = moments.normalised(last);
+    let Some(input_sum) = input_sum else { unreachable!("a batch has a slice") };
+    let input_mean = input_sum / (samples * n) as f64;
+    let norm = moments.normalised(last, samples * n);
     let best = Tensor::cat(best, 0); // [B, C]
     let out = relu(best.clone() * sign * norm.scale.clone() + norm.shift.clone());
     norms.push(norm);
-    Saved { n, precision, points: slices, hidden, norms, best, winner, input_mean, out }
+    Saved { precision, points: slices, hidden, norms, best, winner, input_mean, out }
 }
