@@ -23,12 +23,14 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// For products in this precision; the CPU's are in f32.
+    /// For products in this precision on both sides. In bf16 the gradient's is three times what two orders of summing differ by
+    /// (`model`'s test `two_orders_of_summing_in_bf16_agree_better_than_bf16_and_f32`): against f32,
+    /// sound steps are up to 60 % apart.
     pub fn of(precision: Precision) -> Self {
         match precision {
             Precision::F32 => Self { loss: 1e-3, gradient: 0.05 },
             Precision::Tf32 => Self { loss: 5e-3, gradient: 0.1 },
-            Precision::Bf16 => Self { loss: 0.03, gradient: 0.3 },
+            Precision::Bf16 => Self { loss: 1e-3, gradient: 0.3 },
         }
     }
 }
@@ -42,7 +44,7 @@ pub struct Found {
     pub gradient: Vec<f32>,
 }
 
-/// Computes the step on both devices, without dropout. Returns a sentence on how well they agree; `None` where the batch has
+/// Computes the step on both devices, without dropout and in the same precision. Returns a sentence on how well they agree; `None` where the batch has
 /// no usable sample.
 ///
 /// # Errors
@@ -57,9 +59,8 @@ pub fn check<T: Task>(
     if T::size(batch).0 == 0 {
         return Ok(None);
     }
-    let on = |device: &Device| first_step(task, device, net.clone().into_record(), batch);
-    let found = within(config.precision, || on(device))?;
-    compare(&config.device, &on(&Device::flex())?, &found, Bounds::of(config.precision)).map(Some)
+    let on = |device: &Device| within(config.precision, || first_step(task, device, net.clone().into_record(), batch));
+    compare(&config.device, &on(&Device::flex())?, &on(device)?, Bounds::of(config.precision)).map(Some)
 }
 
 /// Loss and gradient of a batch under these weights.
