@@ -9,6 +9,7 @@ fn view(left_mm: Option<f64>, lambda: f64) -> ViewRegistration {
         placed_from_true: nalgebra::Isometry3::identity(),
         given_m: 0.003,
         left_m: left_mm.map(|mm| 1e-3 * mm),
+        adjusted_m: None,
         failed: left_mm.is_some_and(|mm| mm > 2.0),
         refused: left_mm.is_none().then_some(Refused::Uncertain),
         like_overlap: 0.25,
