@@ -23,3 +23,9 @@ pub fn seen(surface: &TriMesh, samples: &[Point3<f64>], eye: &Point3<f64>) -> Ve
     };
     samples.iter().map(sees).collect()
 }
+
+/// Where a ray from an eye meets it.
+pub fn hit(surface: &TriMesh, eye: &Point3<f64>, direction: &Vector3<f64>) -> Option<Point3<f64>> {
+    let t = surface.cast_local_ray(&Ray::new(glam(&eye.coords), glam(&direction.normalize())), f32::MAX, false)?;
+    Some(eye + f64::from(t) * direction.normalize())
+}
