@@ -14,18 +14,14 @@ pub fn surface(mesh: &Mesh) -> TriMesh {
     TriMesh::new(mesh.vertices.iter().map(|v| glam(&v.coords)).collect(), mesh.triangles.clone()).expect("triangles")
 }
 
-/// Which samples of it nothing hides from an eye there.
-pub fn seen(surface: &TriMesh, samples: &[Point3<f64>], eye: &Point3<f64>) -> Vec<bool> {
-    let sees = |p: &Point3<f64>| {
-        let ray = p - eye;
-        let hit = surface.cast_local_ray(&Ray::new(glam(&eye.coords), glam(&ray.normalize())), f32::MAX, false);
-        hit.is_some_and(|t| (f64::from(t) - ray.norm()).abs() < 5e-4)
-    };
-    samples.iter().map(sees).collect()
+/// Where a ray from an eye meets it first.
+pub fn hit(surface: &TriMesh, eye: &Point3<f64>, direction: &Vector3<f64>) -> Option<Point3<f64>> {
+    let direction = direction.normalize();
+    let t = surface.cast_local_ray(&Ray::new(glam(&eye.coords), glam(&direction)), f32::MAX, false)?;
+    Some(eye + f64::from(t) * direction)
 }
 
-/// Where a ray from an eye meets it.
-pub fn hit(surface: &TriMesh, eye: &Point3<f64>, direction: &Vector3<f64>) -> Option<Point3<f64>> {
-    let t = surface.cast_local_ray(&Ray::new(glam(&eye.coords), glam(&direction.normalize())), f32::MAX, false)?;
-    Some(eye + f64::from(t) * direction.normalize())
+/// Which samples of it nothing hides from an eye there.
+pub fn seen(surface: &TriMesh, samples: &[Point3<f64>], eye: &Point3<f64>) -> Vec<bool> {
+    samples.iter().map(|p| hit(surface, eye, &(p - eye)).is_some_and(|met| (met - p).norm() < 5e-4)).collect()
 }
