@@ -38,7 +38,7 @@ pub struct EpisodeRegistration {
     /// What follows a scan that is left out, whatever the policy: `ignore`, or `bridge` to keep it, try it again, and take a view that
     /// connects it.
     pub after_alarm: AfterAlarm,
-    /// Adjust all scans together after each that is merged, whatever the policy.
+    /// Adjust all scans together after each that is merged, whatever the policy; with good ICP only.
     pub adjust: bool,
 }
 

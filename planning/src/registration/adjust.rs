@@ -2,7 +2,6 @@
 //! better. Gauss and Newton over all poses (Lu and Milios 1997) on pairs from every scan to every other, symmetric in the two
 //! normals (Rusinkiewicz 2019), with the robot's accuracy as a prior.
 
-use super::config::Icp;
 use super::information::row;
 use super::prior::Prior;
 use super::{Frame, PoseError, RegistrationConfig};
@@ -65,7 +64,7 @@ pub fn adjust(pieces: &[Piece], tolerance: f64, config: &RegistrationConfig) -> 
     let searches = pieces.iter().map(|piece| piece.cloud.len()).sum::<usize>() * pieces.len().saturating_sub(1);
     let stride = searches.div_ceil(SEARCHES).max(1);
     for step in 0..STEPS {
-        let pairs = find_pairs(&parts, tolerance, config.kind, stride, step);
+        let pairs = find_pairs(&parts, tolerance, stride, step);
         let Some(motion) = solve(&parts, &pairs, &frame, tolerance, stride, config.prior) else { break };
         for (part, s) in parts.iter_mut().filter(|part| part.prior.is_some()).zip(&motion) {
             let turn = UnitQuaternion::from_scaled_axis(Vector3::new(s[0], s[1], s[2]) / frame.radius);
@@ -104,7 +103,7 @@ fn lengths(rotation: &UnitQuaternion<f64>, shift: &Vector3<f64>, radius: f64) ->
 }
 
 /// Every `stride`-th point of each part with the nearest of each other, others in every step.
-fn find_pairs(parts: &[Part], tolerance: f64, kind: Icp, stride: usize, step: usize) -> Vec<Pair> {
+fn find_pairs(parts: &[Part], tolerance: f64, stride: usize, step: usize) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (i, one) in parts.iter().enumerate() {
         for (j, other) in parts.iter().enumerate() {
@@ -118,16 +117,13 @@ fn find_pairs(parts: &[Part], tolerance: f64, kind: Icp, stride: usize, step: us
                 let q = between * one.points[k];
                 let Some(found) = other.grid.nearest_within(&q, reach) else { continue };
                 let gap = other.points[found.index] - q;
-                let mut n = other.normals[found.index];
-                if kind == Icp::Good {
-                    let own = between.rotation * one.normals[k];
-                    if n.dot(&own) <= LIKE {
-                        continue;
-                    }
-                    n = (n + own).normalize();
-                    if (gap - n.dot(&gap) * n).norm() > beside {
-                        continue;
-                    }
+                let (n, own) = (other.normals[found.index], between.rotation * one.normals[k]);
+                if n.dot(&own) <= LIKE {
+                    continue;
+                }
+                let n = (n + own).normalize();
+                if (gap - n.dot(&gap) * n).norm() > beside {
+                    continue;
                 }
                 let r = n.dot(&gap);
                 pairs.push(Pair { parts: [i, j], p: (one.pose * one.points[k]).coords, n: other.pose.rotation * n, r });

@@ -86,7 +86,7 @@ pub struct RegistrationConfig {
     pub registrability: Registrability,
     /// What follows a scan that could not be registered.
     pub after_alarm: AfterAlarm,
-    /// Adjust all scans together after each that is merged (`register = "refine"`): later ones may hold earlier ones better.
+    /// Adjust all scans together after each that is merged (`register = "refine"`, `kind = "good"`): later ones may hold earlier ones better.
     pub adjust: bool,
 }
 

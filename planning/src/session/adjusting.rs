@@ -1,8 +1,8 @@
 //! Registered scans, adjusted together after each that is merged.
 
 use super::Session;
-use crate::registration::Register;
 use crate::registration::adjust::{Piece, adjust};
+use crate::registration::{Icp, Register};
 use crate::scan::PreparedScan;
 use nalgebra::Isometry3;
 
@@ -12,11 +12,13 @@ const WORTH_MOVING: f64 = 0.1;
 const FEWEST: usize = 3;
 
 impl Session {
-    /// Moves registered scans so that all fit together, after scan `with` was merged.
+    /// Moves registered scans so that all fit together, after scan `with` was merged. Not those of plain ICP: it pairs points beyond the
+    /// rim, and with pairs between all scans that pulls one onto another (docs/registration.md, 'Scans adjusted together').
     pub(super) fn adjust(&mut self, with: usize) {
         let config = &self.config.registration;
         let merged = self.scans.iter().filter(|scan| !scan.cloud.is_empty()).count();
-        if config.register != Register::Refine || !config.adjust || merged < FEWEST {
+        let asked = config.adjust && config.register == Register::Refine && config.kind == Icp::Good;
+        if !asked || merged < FEWEST {
             return;
         }
         let piece = |scan: &'_ PreparedScan| {

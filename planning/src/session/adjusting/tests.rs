@@ -15,8 +15,9 @@ fn sides(count: usize, off: f64) -> Scan {
 }
 
 /// A first scan that holds no other along x, and a second that is off along it.
-fn two_scans(adjust: bool) -> Session {
-    let registration = RegistrationConfig { register: Register::Refine, gate: false, adjust, ..Default::default() };
+fn two_scans(adjust: bool, kind: Icp) -> Session {
+    let registration =
+        RegistrationConfig { register: Register::Refine, gate: false, adjust, kind, ..Default::default() };
     let mut session = Session::new(SessionConfig { registration, ..Default::default() }, None).expect("settings");
     session.add_scan(sides(2, 0.0)).expect("the first scan");
     session.add_scan(sides(3, 0.002)).expect("the second");
@@ -30,7 +31,7 @@ fn off(session: &Session) -> f64 {
 
 #[test]
 fn a_later_scan_moves_an_earlier_one_and_its_camera_and_undo_takes_that_back() {
-    let mut session = two_scans(true);
+    let mut session = two_scans(true, Icp::Good);
     let before = session.clone();
     assert!(off(&before) > 1.5e-3, "the first scan does not hold it: {}", off(&before));
     session.add_scan(sides(3, 0.0)).expect("the third");
@@ -50,9 +51,11 @@ fn a_later_scan_moves_an_earlier_one_and_its_camera_and_undo_takes_that_back() {
 }
 
 #[test]
-fn where_it_is_not_asked_for_earlier_scans_stay() {
-    let mut session = two_scans(false);
-    let before = off(&session);
-    session.add_scan(sides(3, 0.0)).expect("the third");
-    assert_eq!(off(&session), before);
+fn where_it_is_not_asked_for_or_icp_is_plain_earlier_scans_stay() {
+    for (adjust, kind) in [(false, Icp::Good), (true, Icp::Plain)] {
+        let mut session = two_scans(adjust, kind);
+        let before = off(&session);
+        session.add_scan(sides(3, 0.004)).expect("the third");
+        assert_eq!(off(&session), before, "{kind:?}");
+    }
 }
