@@ -11,5 +11,5 @@ pub use common::*;
 pub use sensors::*;
 pub use visualization::*;
 
-#[cfg(test)]
+#[cfg(all(test, feature = "node"))]
 mod tests;
