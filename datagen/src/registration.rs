@@ -133,6 +133,9 @@ pub struct ViewRegistration {
     /// As `left_m`, but as adjusted since with the scans that came later; absent where that did not move it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adjusted_m: Option<f64>,
+    /// Whether that is more than the tolerance; absent with it, and in records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adjusted_failed: Option<bool>,
     /// Why it was not merged.
     pub refused: Option<Refused>,
     /// From where it is to where it was put: as registered where it was merged, else as given.
@@ -160,6 +163,14 @@ fn is_zero(count: &usize) -> bool {
 }
 
 impl ViewRegistration {
+    /// Whether the scan is merged and still off by more than the tolerance at the end of the episode; `None` where the record does not say.
+    pub fn failed_in_the_end(&self) -> Option<bool> {
+        match self.adjusted_m {
+            Some(_) => self.adjusted_failed,
+            None => Some(self.failed),
+        }
+    }
+
     /// The scan was merged after this correction of its pose, off by so much.
     fn merged(&mut self, correction: &Isometry3<f64>, left_m: f64, tolerance: f64) {
         (self.left_m, self.failed) = (Some(left_m), left_m > tolerance);
@@ -252,6 +263,7 @@ impl Placed {
             given_m: (squared / shot.points.len().max(1) as f64).sqrt(),
             left_m: None,
             adjusted_m: None,
+            adjusted_failed: None,
             failed: false,
             refused: shot.points.is_empty().then_some(Refused::Empty),
             placed_from_true: shot.world_from_camera * shot.actual.inverse(),

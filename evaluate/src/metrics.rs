@@ -37,6 +37,8 @@ pub enum Figure {
     CoverageAfter(u8),
     /// 100 where one of so many next views was merged and is off by more than the tolerance, else 0.
     FailedIn(u8),
+    /// The same if it is still off at the end, after all adjustments.
+    OffAtEnd(u8),
     /// Next views whose scans could not be registered.
     RefusedViews,
     /// Root mean square of how far the merged points are off, millimetres.
@@ -72,6 +74,11 @@ impl Figure {
                 let outcome = record.registration.as_ref()?;
                 let failed = outcome.views.iter().take(usize::from(n)).any(|v| v.failed);
                 Some(if failed { 100.0 } else { 0.0 })
+            }
+            Figure::OffAtEnd(n) => {
+                let views = record.registration.as_ref()?.views.iter().take(usize::from(n));
+                let off: Option<Vec<bool>> = views.map(|v| v.failed_in_the_end()).collect();
+                Some(if off?.contains(&true) { 100.0 } else { 0.0 })
             }
             Figure::RefusedViews => {
                 record.registration.as_ref().map(|o| o.views.iter().filter(|v| v.refused.is_some()).count() as f64)

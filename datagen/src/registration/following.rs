@@ -44,7 +44,8 @@ impl Placed {
             any = true;
             let Some(view) = scan.view.map(|view| &mut self.views[view]) else { continue };
             let squared = scan.squared_errors().map(|(_, squared)| squared).sum::<f64>();
-            view.adjusted_m = Some((squared / scan.given.len().max(1) as f64).sqrt());
+            let left = (squared / scan.given.len().max(1) as f64).sqrt();
+            (view.adjusted_m, view.adjusted_failed) = (Some(left), Some(left > tolerance));
             view.placed_from_true = motion * view.placed_from_true;
         }
         if !any {
@@ -92,6 +93,7 @@ mod tests {
             left_m: Some(0.0),
             failed: false,
             adjusted_m: None,
+            adjusted_failed: None,
             refused: None,
             placed_from_true: *off,
             like_overlap: 0.0,
@@ -113,9 +115,11 @@ mod tests {
         let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
         assert!(near(placed.views[0].adjusted_m.expect("moved"), 0.001), "{:?}", placed.views[0]);
         assert!(near(placed.squared, 25.0 * 1e-6) && placed.off == 0);
+        assert_eq!(placed.views[0].failed_in_the_end(), Some(false));
         assert_eq!(placed.sound.len(), 50, "both scans");
         placed.follow([(4, Translation3::new(0.002, 0.0, 0.0).into())].into_iter(), GRID, TOLERANCE);
         assert!(near(placed.views[0].adjusted_m.expect("moved"), 0.006), "6 mm off now: {:?}", placed.views[0]);
+        assert_eq!(placed.views[0].failed_in_the_end(), Some(true));
         assert_eq!((placed.off, placed.sound.len()), (25, 25), "the first alone is in its place");
     }
 

@@ -28,6 +28,8 @@ pub struct RegistrationRow {
     pub failed_in_first_5_percent_ci_episodes_low: Option<f64>,
     pub failed_in_first_5_percent_ci_episodes_high: Option<f64>,
     pub failed_ever_percent: Option<f64>,
+    /// Episodes where one of next views 1 to 5 is off by more than the tolerance at the end, after all adjustments.
+    pub off_at_end_in_first_5_percent: Option<f64>,
     pub refused_views: Option<f64>,
     /// Root mean square of how far merged points are off.
     pub left_mm: Option<f64>,
@@ -48,6 +50,7 @@ impl Row for RegistrationRow {
         "failed in first 5, %",
         "failed, 95 % episodes",
         "failed ever, %",
+        "of first 5 off at the end, %",
         "refused views",
         "left mm",
         "off %",
@@ -69,6 +72,7 @@ impl Row for RegistrationRow {
             number(self.failed_in_first_5_percent, 0),
             range(low, high, 0),
             number(self.failed_ever_percent, 0),
+            number(self.off_at_end_in_first_5_percent, 1),
             number(self.refused_views, 2),
             number(self.left_mm, 2),
             number(self.off_percent, 1),
@@ -146,6 +150,7 @@ fn row(policy: &str, runs: &Runs, config: &EvaluateConfig) -> RegistrationRow {
         failed_in_first_5_percent_ci_episodes_low: interval.map(|i| i.low),
         failed_in_first_5_percent_ci_episodes_high: interval.map(|i| i.high),
         failed_ever_percent: m(Figure::FailedIn(u8::MAX)),
+        off_at_end_in_first_5_percent: m(Figure::OffAtEnd(5)),
         refused_views: m(Figure::RefusedViews),
         left_mm: m(Figure::Left),
         off_percent: m(Figure::Off),

@@ -8,8 +8,11 @@
 //!
 //! Two K x K products per row instead of two K x C, and no [R, C] buffer. Hidden layers in one pass each.
 
+use super::buffers::Buffer;
+use super::columns;
 use super::forward::{Input, Layer, Normalised, Saved, sign};
-use super::rows::{self, Chunk, Matrix};
+use super::product::{self, Matrix};
+use super::rows::{self, Chunk};
 use rayon::prelude::*;
 
 /// Gradients of one layer's parameters. That of the bias is zero: batch norm takes the mean off again.
@@ -40,7 +43,7 @@ pub fn backward(layers: &[Layer], points: &[f32], mut saved: Saved, gradient: &[
 /// What flows into a layer's batch norm from above: dy [R, C], and per column the sums of dy and of dy (h - mean).
 #[derive(Default)]
 struct Flow {
-    dy: Vec<f32>,
+    dy: Buffer,
     sum: Vec<f64>,
     product: Vec<f64>,
 }
@@ -102,24 +105,26 @@ fn last_layer(
     let d: Vec<f32> = (0..c).map(|j| (norm.s[j] * norm.m2_std[j]) as f32).collect();
     let s_m1: Vec<f64> = (0..c).map(|j| norm.s[j] * norm.m1[j]).collect();
     let mut weighted = layer.weight.to_vec(); // W diag(d), [K, C]
-    for row in weighted.chunks_exact_mut(c) {
-        row.iter_mut().zip(&d).for_each(|(w, d)| *w *= d);
-    }
+    weighted.par_chunks_exact_mut(c).for_each(|row| row.iter_mut().zip(&d).for_each(|(w, d)| *w *= d));
     let weights = Matrix::new(layer.weight, k, c);
     // Only layers below need da.
     let below = !saved.hidden.is_empty();
     let mixing = if below { blocks(Matrix::new(&weighted, k, c), weights.transposed()) } else { Vec::new() }; // [K, K]
     let constant: Vec<f32> = (0..if below { k } else { 0 })
+        .into_par_iter()
         .map(|i| {
             let direct: f64 = (0..c).map(|j| f64::from(layer.weight[i * c + j]) * s_m1[j]).sum();
             let mean: f64 = (0..k).map(|j| f64::from(saved.input_mean[j]) * f64::from(mixing[i * k + j])).sum();
             (mean - direct) as f32
         })
         .collect();
-    let transposed: Vec<f32> = (0..c * k).map(|at| layer.weight[(at % k) * c + at / k]).collect(); // [C, K]
+    let mut transposed = Buffer::of(c * k); // [C, K]
+    transposed.par_chunks_exact_mut(k).enumerate().for_each(|(j, row)| {
+        row.iter_mut().enumerate().for_each(|(i, w)| *w = layer.weight[i * c + j]);
+    });
 
     let input = Input::of(points, &saved.hidden, &saved.norms);
-    let mut da = vec![0.0; if below { r * k } else { 0 }];
+    let mut da = Buffer::of(if below { r * k } else { 0 });
     let pieces = rows::split(&mut da, parts, if below { k } else { 0 });
     let mean = if below { saved.norms[saved.norms.len() - 2].mean.clone() } else { vec![0.0; k] };
     let step = LastStep {
@@ -135,23 +140,20 @@ fn last_layer(
     let partial: Vec<LastSums> =
         pieces.into_par_iter().zip(parts).map(|(piece, part)| last_part(&step, &input, part, piece)).collect();
 
-    let mut s = vec![0.0f64; c * k];
+    let s = rows::sums(partial.iter().map(|part| &part.winners[..]), c * k);
     let mut flow = Flow { dy: da, sum: vec![0.0; k], product: vec![0.0; k] };
     for part in &partial {
-        for (total, x) in s.iter_mut().zip(&part.winners) {
-            *total += f64::from(*x);
-        }
         rows::merge(&mut flow.sum, &part.sum);
         rows::merge(&mut flow.product, &part.product);
     }
     let mixed = blocks(Matrix::new(&saved.gram, k, k), Matrix::new(&weighted, k, c)); // [K, C]
-    let weight = (0..k * c)
-        .map(|at| {
-            let (i, j) = (at / c, at % c);
-            let mean = r as f64 * f64::from(saved.input_mean[i]) * s_m1[j];
-            (s[j * k + i] - mean - f64::from(mixed[at])) as f32
-        })
-        .collect();
+    let mut weight = mixed;
+    weight.par_chunks_exact_mut(c).enumerate().for_each(|(i, row)| {
+        let rows_mean = r as f64 * f64::from(saved.input_mean[i]);
+        for (j, w) in row.iter_mut().enumerate() {
+            *w = (s[j * k + i] - rows_mean * s_m1[j] - f64::from(*w)) as f32;
+        }
+    });
     (LayerGradients { weight, gamma: norm.gamma, beta: norm.beta }, flow)
 }
 
@@ -162,7 +164,7 @@ fn blocks(a: Matrix, b: Matrix) -> Vec<f32> {
     let mut out = vec![0.0; m * n];
     out.par_chunks_mut(BLOCK * n).enumerate().for_each(|(i, out)| {
         let range = i * BLOCK..m.min((i + 1) * BLOCK);
-        rows::product(out, n, 0.0, 1.0, a.transposed().columns(range).transposed(), b);
+        product::product(out, n, 0.0, 1.0, a.transposed().columns(range).transposed(), b);
     });
     out
 }
@@ -180,15 +182,15 @@ struct LastStep<'a> {
 
 struct LastSums {
     /// S transposed, [C, K].
-    winners: Vec<f32>,
+    winners: Buffer,
     sum: Vec<f32>,
     product: Vec<f32>,
 }
 
 fn last_part(step: &LastStep, input: &Input, part: &[Chunk], out: &mut [f32]) -> LastSums {
     let (k, c) = (step.k, step.c);
-    let mut sums = LastSums { winners: vec![0.0; c * k], sum: vec![0.0; k], product: vec![0.0; k] };
-    let mut buffer = Vec::new();
+    let mut sums = LastSums { winners: Buffer::zeros(c * k), sum: vec![0.0; k], product: vec![0.0; k] };
+    let mut buffer = Buffer::of(rows::longest(part) * k);
     let mut unused = vec![0.0; k];
     let mut rest = out;
     for chunk in part {
@@ -201,7 +203,7 @@ fn last_part(step: &LastStep, input: &Input, part: &[Chunk], out: &mut [f32]) ->
             for row in da.chunks_exact_mut(k) {
                 row.copy_from_slice(step.constant);
             }
-            rows::product(da, k, 1.0, -1.0, Matrix::new(a, count, k), Matrix::new(step.mixing, k, k));
+            product::product(da, k, 1.0, -1.0, Matrix::new(a, count, k), Matrix::new(step.mixing, k, k));
         }
         for j in 0..c {
             let at = chunk.sample * c + j;
@@ -210,20 +212,20 @@ fn last_part(step: &LastStep, input: &Input, part: &[Chunk], out: &mut [f32]) ->
                 continue;
             }
             let local = (row - chunk.rows.start) * k..(row - chunk.rows.start + 1) * k;
-            rows::add_scaled(&mut sums.winners[j * k..(j + 1) * k], s_dy, &a[local.clone()]);
+            columns::add_scaled(&mut sums.winners[j * k..(j + 1) * k], s_dy, &a[local.clone()]);
             if below {
-                rows::add_scaled(&mut da[local], s_dy, &step.transposed[j * k..(j + 1) * k]);
+                columns::add_scaled(&mut da[local], s_dy, &step.transposed[j * k..(j + 1) * k]);
             }
         }
         if below {
-            rows::mask_and_sum(da, a, input.raw(chunk), step.mean, &mut sums.sum, &mut sums.product);
+            columns::mask_and_sum(da, a, input.raw(chunk), step.mean, &mut sums.sum, &mut sums.product);
         }
     }
     sums
 }
 
 struct HiddenSums {
-    weight: Vec<f32>,
+    weight: Buffer,
     sum: Vec<f32>,
     product: Vec<f32>,
 }
@@ -248,7 +250,7 @@ fn hidden_layer(
 
     let input = Input::of(points, &saved.hidden, &saved.norms);
     let below = index > 0;
-    let mut before = Flow { dy: vec![0.0; if below { r * k } else { 0 }], sum: vec![0.0; k], product: vec![0.0; k] };
+    let mut before = Flow { dy: Buffer::of(if below { r * k } else { 0 }), sum: vec![0.0; k], product: vec![0.0; k] };
     let mean = if below { &saved.norms[index - 1].mean[..] } else { &[] };
     let incoming = rows::split(&mut flow.dy, parts, c);
     let outgoing = rows::split(&mut before.dy, parts, if below { k } else { 0 });
@@ -257,30 +259,29 @@ fn hidden_layer(
         .zip(outgoing)
         .zip(parts)
         .map(|((dy, out), part)| {
-            let mut sums = HiddenSums { weight: vec![0.0; k * c], sum: vec![0.0; k], product: vec![0.0; k] };
-            let (mut buffer, mut unused) = (Vec::new(), vec![0.0; k]);
+            let mut sums = HiddenSums { weight: Buffer::zeros(k * c), sum: vec![0.0; k], product: vec![0.0; k] };
+            let (mut buffer, mut unused) = (Buffer::of(rows::longest(part) * k), vec![0.0; k]);
             let (mut dy, mut out) = (dy, out);
             for chunk in part {
                 let count = chunk.rows.len();
                 let (dh, rest) = std::mem::take(&mut dy).split_at_mut(count * c);
                 dy = rest;
-                rows::normalisation_backward(dh, &h[chunk.rows.start * c..chunk.rows.end * c], &s, &p, &q);
+                columns::normalisation_backward(dh, &h[chunk.rows.start * c..chunk.rows.end * c], &s, &p, &q);
                 let a = input.activated(chunk, &mut buffer, &mut unused);
                 let (inputs, outputs) = (Matrix::new(a, count, k), Matrix::new(dh, count, c));
-                rows::product(&mut sums.weight, c, 1.0, 1.0, inputs.transposed(), outputs);
+                product::product(&mut sums.weight, c, 1.0, 1.0, inputs.transposed(), outputs);
                 if below {
                     let (da, rest) = std::mem::take(&mut out).split_at_mut(count * k);
                     out = rest;
-                    rows::product(da, k, 0.0, 1.0, outputs, Matrix::new(layer.weight, k, c).transposed());
-                    rows::mask_and_sum(da, a, input.raw(chunk), mean, &mut sums.sum, &mut sums.product);
+                    product::product(da, k, 0.0, 1.0, outputs, Matrix::new(layer.weight, k, c).transposed());
+                    columns::mask_and_sum(da, a, input.raw(chunk), mean, &mut sums.sum, &mut sums.product);
                 }
             }
             sums
         })
         .collect();
-    let mut weight = vec![0.0f64; k * c];
+    let weight = rows::sums(partial.iter().map(|part| &part.weight[..]), k * c);
     for part in &partial {
-        rows::merge(&mut weight, &part.weight);
         rows::merge(&mut before.sum, &part.sum);
         rows::merge(&mut before.product, &part.product);
     }

@@ -1,6 +1,9 @@
 //! The forward passes in plain f32.
 
-use super::rows::{self, Chunk, Matrix};
+use super::buffers::{self, Buffer};
+use super::columns::{self, Winners};
+use super::product::{self, Matrix};
+use super::rows::{self, Chunk};
 use super::statistics::Moments;
 use rayon::prelude::*;
 
@@ -57,9 +60,9 @@ pub fn infer(layers: &[Folded], points: &[f32], samples: usize, n: usize) -> Vec
         .collect();
     let mut out = vec![f32::NEG_INFINITY; samples * last.outputs];
     for (sample, best) in partial.into_iter().flatten() {
-        rows::running_max(&mut out[sample * last.outputs..][..last.outputs], &best);
+        columns::running_max(&mut out[sample * last.outputs..][..last.outputs], &best);
     }
-    rows::shift_relu(&mut out, &last.shift);
+    columns::shift_relu(&mut out, &last.shift);
     out
 }
 
@@ -73,15 +76,15 @@ fn infer_chunk(layers: &[Folded], points: &[f32], chunk: &Chunk, buffers: &mut [
     for (i, layer) in layers.iter().enumerate() {
         let (k, c) = (layer.inputs, layer.outputs);
         output.resize(count * c, 0.0);
-        rows::product(output, c, 0.0, 1.0, Matrix::new(input, count, k), Matrix::new(&layer.weight, k, c));
+        product::product(output, c, 0.0, 1.0, Matrix::new(input, count, k), Matrix::new(&layer.weight, k, c));
         if i + 1 < layers.len() {
-            rows::shift_relu(output, &layer.shift);
+            columns::shift_relu(output, &layer.shift);
             std::mem::swap(input, output);
         }
     }
     let mut best = vec![f32::NEG_INFINITY; layers[layers.len() - 1].outputs];
     let (columns, rows) = (best.len(), count);
-    rows::running_max(&mut best, &output[..rows * columns]);
+    columns::running_max(&mut best, &output[..rows * columns]);
     best
 }
 
@@ -113,7 +116,7 @@ pub struct Saved {
     /// Points per sample.
     pub n: usize,
     /// Products of the layers before the last, before batch norm, [R, outputs].
-    pub hidden: Vec<Vec<f32>>,
+    pub hidden: Vec<Buffer>,
     /// Per layer.
     pub norms: Vec<Normalised>,
     /// Largest product of the last layer times the sign of gamma, per sample and channel, [B, C].
@@ -130,13 +133,14 @@ pub struct Saved {
 
 /// Training: batch statistics over all rows.
 pub fn train(layers: &[Layer], points: &[f32], samples: usize, n: usize) -> Saved {
+    buffers::begin();
     let parts = rows::parts(samples, n);
     let r = samples * n;
     let (last, before) = (&layers[layers.len() - 1], &layers[..layers.len() - 1]);
-    let mut hidden: Vec<Vec<f32>> = Vec::with_capacity(before.len());
+    let mut hidden: Vec<Buffer> = Vec::with_capacity(before.len());
     let mut norms: Vec<Normalised> = Vec::with_capacity(layers.len());
     for layer in before {
-        let mut h = vec![0.0; r * layer.outputs];
+        let mut h = Buffer::of(r * layer.outputs);
         let input = Input::of(points, &hidden, &norms);
         let pieces = rows::split(&mut h, &parts, layer.outputs);
         let moments: Vec<Moments> =
@@ -153,17 +157,17 @@ fn finish(
     last: &Layer,
     samples: usize,
     n: usize,
-    hidden: Vec<Vec<f32>>,
+    hidden: Vec<Buffer>,
     mut norms: Vec<Normalised>,
     partial: &[LastPart],
 ) -> Saved {
     let (k, c) = (last.inputs, last.outputs);
     let mut moments = Moments::default();
-    let (mut sums, mut gram) = (vec![0.0f64; k], vec![0.0f64; k * k]);
+    let mut sums = vec![0.0f64; k];
+    let gram = rows::sums(partial.iter().map(|part| &part.gram[..]), k * k);
     let (mut best, mut winner) = (vec![f32::NEG_INFINITY; samples * c], vec![0u32; samples * c]);
     for part in partial {
         moments.merge(&part.moments);
-        rows::merge(&mut gram, &part.gram);
         for (total, sum) in sums.iter_mut().zip(&part.sums) {
             *total += sum;
         }
@@ -180,7 +184,7 @@ fn finish(
     let r = (samples * n) as f64;
     let mean: Vec<f64> = sums.iter().map(|s| s / r).collect();
     let mut gram: Vec<f32> = (0..k * k).map(|i| (gram[i] - r * mean[i / k] * mean[i % k]) as f32).collect();
-    rows::mirror(&mut gram, k);
+    product::mirror(&mut gram, k);
 
     let norm = Normalised::new(last, &moments);
     let mut out = best.clone();
@@ -189,7 +193,7 @@ fn finish(
             row[j] = row[j] * sign(last.gamma[j]) * norm.scale[j];
         }
     }
-    rows::shift_relu(&mut out, &norm.shift);
+    columns::shift_relu(&mut out, &norm.shift);
     norms.push(norm);
     let input_mean = mean.iter().map(|m| *m as f32).collect();
     Saved { samples, n, hidden, norms, best, winner, input_mean, gram, out }
@@ -209,7 +213,7 @@ pub struct Input<'a> {
 
 impl<'a> Input<'a> {
     /// The input of the layer that comes after these.
-    pub fn of(points: &'a [f32], hidden: &'a [Vec<f32>], norms: &'a [Normalised]) -> Self {
+    pub fn of(points: &'a [f32], hidden: &'a [Buffer], norms: &'a [Normalised]) -> Self {
         match hidden.last() {
             Some(h) => {
                 let norm = &norms[hidden.len() - 1];
@@ -225,16 +229,16 @@ impl<'a> Input<'a> {
     }
 
     /// The input of these rows; `buffer` holds it where it had to be computed. Adds the columns' sums.
-    pub fn activated<'b>(&'b self, chunk: &Chunk, buffer: &'b mut Vec<f32>, sums: &mut [f32]) -> &'b [f32] {
+    pub fn activated<'b>(&'b self, chunk: &Chunk, buffer: &'b mut [f32], sums: &mut [f32]) -> &'b [f32] {
         let values = self.raw(chunk);
         match self.norm {
             Some(norm) => {
-                buffer.resize(values.len(), 0.0);
-                rows::activate(buffer, values, &norm.scale, &norm.shift, sums);
-                &buffer[..]
+                let out = &mut buffer[..values.len()];
+                columns::activate(out, values, &norm.scale, &norm.shift, sums);
+                out
             }
             None => {
-                rows::column_sums(sums, values);
+                columns::column_sums(sums, values);
                 values
             }
         }
@@ -245,7 +249,7 @@ impl<'a> Input<'a> {
 fn centre(layer: &Layer, sums: &[f32], count: usize) -> Vec<f32> {
     let mut mean = vec![0.0; layer.outputs];
     for (sum, row) in sums.iter().zip(layer.weight.chunks_exact(layer.outputs)) {
-        rows::add_scaled(&mut mean, sum / count as f32, row);
+        columns::add_scaled(&mut mean, sum / count as f32, row);
     }
     mean
 }
@@ -259,7 +263,7 @@ fn joined(parts: &[Moments]) -> Moments {
 
 fn hidden_part(layer: &Layer, input: &Input, part: &[Chunk], out: &mut [f32]) -> Moments {
     let (k, c) = (layer.inputs, layer.outputs);
-    let mut buffer = Vec::new();
+    let mut buffer = Buffer::of(rows::longest(part) * k);
     let mut moments = Moments::default();
     let mut rest = out;
     for chunk in part {
@@ -268,10 +272,10 @@ fn hidden_part(layer: &Layer, input: &Input, part: &[Chunk], out: &mut [f32]) ->
         rest = after;
         let mut sums = vec![0.0; k];
         let a = input.activated(chunk, &mut buffer, &mut sums);
-        rows::product(h, c, 0.0, 1.0, Matrix::new(a, count, k), Matrix::new(layer.weight, k, c));
+        product::product(h, c, 0.0, 1.0, Matrix::new(a, count, k), Matrix::new(layer.weight, k, c));
         let centre = centre(layer, &sums, count);
         let (mut first, mut second) = (vec![0.0; c], vec![0.0; c]);
-        rows::deviations(h, &centre, &mut first, &mut second);
+        columns::deviations(h, &centre, &mut first, &mut second);
         moments.merge(&Moments::of_chunk(count, &centre, &first, &second));
     }
     moments
@@ -281,7 +285,7 @@ struct LastPart {
     moments: Moments,
     sums: Vec<f64>,
     /// Upper blocks of the sum of a'a.
-    gram: Vec<f32>,
+    gram: Buffer,
     /// Per chunk: sample, best values, their rows.
     winners: Vec<(usize, Vec<f32>, Vec<u32>)>,
 }
@@ -289,23 +293,25 @@ struct LastPart {
 fn last_part(layer: &Layer, input: &Input, part: &[Chunk]) -> LastPart {
     let (k, c) = (layer.inputs, layer.outputs);
     let signs: Vec<f32> = layer.gamma.iter().map(|g| sign(*g)).collect();
-    let (mut buffer, mut u) = (Vec::new(), Vec::new());
+    let longest = rows::longest(part);
+    let (mut buffer, mut u) = (Buffer::of(longest * k), Buffer::of(longest * c));
     let (mut moments, mut total) = (Moments::default(), vec![0.0f64; k]);
-    let mut gram = vec![0.0; k * k];
+    let mut gram = Buffer::zeros(k * k);
     let mut winners = Vec::with_capacity(part.len());
     for chunk in part {
         let count = chunk.rows.len();
         let mut sums = vec![0.0; k];
         let a = input.activated(chunk, &mut buffer, &mut sums);
-        rows::add_gram(&mut gram, a, count, k);
-        u.resize(count * c, 0.0);
-        rows::product(&mut u, c, 0.0, 1.0, Matrix::new(a, count, k), Matrix::new(layer.weight, k, c));
+        product::add_gram(&mut gram, a, count, k);
+        let u = &mut u[..count * c];
+        product::product(u, c, 0.0, 1.0, Matrix::new(a, count, k), Matrix::new(layer.weight, k, c));
         let centre = centre(layer, &sums, count);
         rows::merge(&mut total, &sums);
         let (mut first, mut second) = (vec![0.0; c], vec![0.0; c]);
         let (mut best, mut winner) = (vec![f32::NEG_INFINITY; c], vec![0; c]);
         let row = chunk.rows.start as u32;
-        rows::deviations_and_winners(&u, &centre, &signs, row, &mut first, &mut second, &mut best, &mut winner);
+        let mut found = Winners { sign: &signs, best: &mut best, row: &mut winner };
+        columns::deviations_and_winners(u, row, &centre, &mut first, &mut second, &mut found);
         moments.merge(&Moments::of_chunk(count, &centre, &first, &second));
         winners.push((chunk.sample, best, winner));
     }

@@ -7,7 +7,10 @@
 //! costs two products of its input's width ([`backward`]).
 
 mod backward;
+mod buffers;
+mod columns;
 mod forward;
+mod product;
 mod rows;
 mod statistics;
 #[cfg(any(feature = "wgpu", feature = "cuda", test))]

@@ -10,6 +10,7 @@ fn view(left_mm: Option<f64>, lambda: f64) -> ViewRegistration {
         given_m: 0.003,
         left_m: left_mm.map(|mm| 1e-3 * mm),
         adjusted_m: None,
+        adjusted_failed: None,
         failed: left_mm.is_some_and(|mm| mm > 2.0),
         refused: left_mm.is_none().then_some(Refused::Uncertain),
         like_overlap: 0.25,
@@ -42,6 +43,27 @@ fn rows_equal_what_is_counted_by_hand() {
     assert_eq!((row.refused_views, row.off_percent, row.lambda_median), (Some(0.5), Some(25.0), Some(5.0)));
     assert!((row.left_mm.unwrap() - 1.0).abs() < 1e-9 && (row.overlap_percent.unwrap() - 88.0 / 3.0).abs() < 1e-9);
     assert_eq!(row.coverage_after_5_percent, Some(80.0), "the last one where the episode ended before");
+}
+
+#[test]
+fn what_an_adjustment_mended_is_not_off_at_the_end() {
+    let off_at_end = |mend: &dyn Fn(&mut ViewRegistration)| {
+        let mut contents = contents();
+        contents.episodes[0].0.registration.iter_mut().flat_map(|o| &mut o.views).for_each(mend);
+        let row = &rows(&contents, &EvaluateConfig::default(), &["p".to_owned()])[0];
+        assert_eq!(row.failed_in_first_5_percent, Some(50.0), "as it was merged, whatever came later");
+        row.off_at_end_in_first_5_percent
+    };
+    let adjusted = |to_m: f64| {
+        move |v: &mut ViewRegistration| {
+            (v.adjusted_m, v.adjusted_failed) = (Some(to_m), Some(to_m > 0.002));
+        }
+    };
+    assert_eq!(off_at_end(&|_| {}), Some(50.0));
+    assert_eq!(off_at_end(&adjusted(0.0004)), Some(0.0));
+    assert_eq!(off_at_end(&adjusted(0.003)), Some(50.0));
+    let of_before = |v: &mut ViewRegistration| v.adjusted_m = Some(0.0004);
+    assert_eq!(off_at_end(&of_before), Some(0.0), "of the other episode: a record of an earlier version does not say");
 }
 
 #[test]

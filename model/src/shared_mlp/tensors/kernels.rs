@@ -7,7 +7,7 @@
 mod passes;
 
 use burn::backend::cubecl::dtype_to_storage_type;
-#[cfg(feature = "tuned")]
+#[cfg(feature = "fused")]
 use burn::backend::fusion::custom::TensorSpec;
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::wgpu::{CubeBackend, CubeTensor};
@@ -80,7 +80,7 @@ fn total(sums: Tensor<3>) -> Tensor<2> {
 }
 
 /// See the functions above, which call these; sums are per block.
-#[backend_extension(Cube, Fusion: cfg(feature = "tuned"))]
+#[backend_extension(Cube, Fusion: cfg(feature = "fused"))]
 trait PointKernels: Backend {
     #[fusion(meta = |x, _| sums_of(x, BLOCK))]
     fn point_sums(x: FloatTensor<Self>, centre: FloatTensor<Self>) -> FloatTensor<Self>;
@@ -117,17 +117,17 @@ trait PointKernels: Backend {
     fn point_at_winners(a: FloatTensor<Self>, s_dy: FloatTensor<Self>, winner: IntTensor<Self>) -> FloatTensor<Self>;
 }
 
-#[cfg(feature = "tuned")]
+#[cfg(feature = "fused")]
 fn spec<const D: usize>(shape: [usize; D]) -> TensorSpec {
     TensorSpec::new(Shape::from(shape), DType::F32)
 }
 
-#[cfg(feature = "tuned")]
+#[cfg(feature = "fused")]
 fn sums_of(x: &TensorSpec, block: usize) -> TensorSpec {
     spec([2, x.shape[0].div_ceil(block), x.shape[1]])
 }
 
-#[cfg(feature = "tuned")]
+#[cfg(feature = "fused")]
 fn largest_of(x: &TensorSpec, _: &TensorSpec, _: &TensorSpec, n: &usize) -> (TensorSpec, TensorSpec, TensorSpec) {
     let (samples, width) = (x.shape[0] / n, x.shape[1]);
     let best = spec([samples, width]);
@@ -135,7 +135,7 @@ fn largest_of(x: &TensorSpec, _: &TensorSpec, _: &TensorSpec, n: &usize) -> (Ten
     (spec([2, samples * n.div_ceil(BLOCK), width]), best, winner)
 }
 
-#[cfg(feature = "tuned")]
+#[cfg(feature = "fused")]
 fn through_winners_of(
     mixed: &TensorSpec,
     _: &TensorSpec,
