@@ -58,6 +58,8 @@ struct Step {
     truth: f64,
     most_told: f64,
     most_true: f64,
+    /// What the session compares with `stop_below`.
+    stop: f64,
     correlation: f64,
     missing: Option<([f64; 2], f64)>,
     missing_true: f64,
@@ -172,6 +174,7 @@ fn follow(
             told: first.expected_gain.unwrap_or(0.0),
             truth: gain(*next),
             most_told: told.iter().copied().fold(0.0, f64::max),
+            stop: answer.stop.compared().unwrap_or(f64::NAN),
             most_true: truth.iter().copied().fold(0.0, f64::max),
             correlation: geometry::rank_correlation::rank_correlation(&told, &truth).unwrap_or(f64::NAN),
             missing: missing.map(|m| (m.between, m.share)),
@@ -248,16 +251,22 @@ fn report(steps: &[Step]) {
     }
     print("all", &steps.iter().collect::<Vec<_>>());
     let starts: Vec<&[Step]> = steps.chunk_by(|a, b| b.scans > a.scans).collect();
-    let stops: Vec<&Step> = starts.iter().filter_map(|s| s.iter().find(|step| step.most_told < STOP_BELOW)).collect();
     let enough =
         |s: &&[Step]| s.iter().find(|step| step.missing_true < ENOUGH).map_or(f64::NAN, |step| step.scans as f64);
-    println!(
-        "--stop-below {STOP_BELOW}: {} of {} stop, after {:?} scans, {:.3} missing in the median, {:.3} at most; less than {ENOUGH} missing after {:?}",
-        stops.len(),
-        starts.len(),
-        stops.iter().map(|s| s.scans).collect::<Vec<_>>(),
-        median(stops.iter().map(|s| s.missing_true).collect()),
-        stops.iter().map(|s| s.missing_true).fold(0.0, f64::max),
-        starts.iter().map(enough).collect::<Vec<_>>(),
-    );
+    let stop = |name: &str, most: &dyn Fn(&Step) -> f64| {
+        let stops: Vec<&Step> = starts.iter().filter_map(|s| s.iter().find(|step| most(step) < STOP_BELOW)).collect();
+        println!(
+            "{name} below {STOP_BELOW}: {} of {} stop, after {:?} scans, {:.3} missing in the median, {:.3} at most, less than {ENOUGH} for {}",
+            stops.len(),
+            starts.len(),
+            stops.iter().map(|s| s.scans).collect::<Vec<_>>(),
+            median(stops.iter().map(|s| s.missing_true).collect()),
+            stops.iter().map(|s| s.missing_true).fold(0.0, f64::max),
+            stops.iter().filter(|s| s.missing_true < ENOUGH).count(),
+        );
+    };
+    stop("expected", &|s| s.stop);
+    stop("predicted", &|s| s.most_told);
+    stop("true", &|s| s.most_true);
+    println!("less than {ENOUGH} missing after {:?}", starts.iter().map(enough).collect::<Vec<_>>());
 }

@@ -21,7 +21,7 @@ pub struct EpisodeKey {
 pub struct Forecast {
     /// Gain of the view taken, as a share of the whole surface, if the planner predicts it.
     pub gain: Option<f64>,
-    /// What `stop` is based on: the most that any view was expected to add, if the planner predicts it.
+    /// What `stop` is based on: the most that any view was expected to add, if the planner predicts it, or what the last scan added where that is more.
     pub most: Option<f64>,
 }
 

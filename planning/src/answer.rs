@@ -295,7 +295,7 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     }
     line(benefit);
     if stop.stop {
-        line("  not worth it: no view is expected to add as much as --stop-below".to_owned());
+        line("  not worth it: no view is expected to add as much as --stop-below, nor did the last scan".to_owned());
     }
 }
 

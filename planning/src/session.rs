@@ -353,11 +353,10 @@ impl Session {
             candidate.rank = rank;
         }
         let (mut missing, surface) = self.missing(choice.planner, &candidates, cell).unzip();
-        let raised = ranking.last_added.zip(self.planners.surface(choice.planner)).is_some_and(|(added, surface)| {
-            decline::heed(&mut candidates, missing.as_mut(), added * surface.covered())
-        });
+        let last_added = ranking.last_added.zip(self.planners.surface(choice.planner)).map(|(l, s)| l * s.covered());
+        let raised = last_added.is_some_and(|added| decline::heed(&mut candidates, missing.as_mut(), added));
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
-        let stop = Stop::judge(&candidates, self.config.stop_below, raised);
+        let stop = Stop::judge(&candidates, self.config.stop_below, raised, last_added);
         Ok(Answer {
             stop,
             planner: choice.planner.as_str().to_owned(),

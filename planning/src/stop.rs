@@ -13,7 +13,10 @@ pub struct Stop {
     pub expected_gain: Option<f64>,
     /// Where that number comes from.
     pub basis: String,
-    /// Whether it is under `stop_below`, or no view is left.
+    /// Share of the whole surface that the last scan added, as far as the planner can tell; absent of a single scan. The next may add as much.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub last_added: Option<f64>,
+    /// Whether both are under `stop_below`, or no view is left.
     pub stop: bool,
 }
 
@@ -31,13 +34,18 @@ pub struct Missing {
 }
 
 impl Stop {
+    /// What `stop_below` is compared with.
+    pub fn compared(&self) -> Option<f64> {
+        self.expected_gain.map(|gain| gain.max(self.last_added.unwrap_or(0.0)))
+    }
+
     /// From the most that any candidate which may be taken is predicted to add, whatever its rank.
-    /// `raised` is whether the last scan had part in it.
-    pub fn judge(candidates: &[Candidate], stop_below: f64, raised: bool) -> Self {
+    /// `raised` is whether what the last scan added had part in it.
+    pub fn judge(candidates: &[Candidate], stop_below: f64, raised: bool, last_added: Option<f64>) -> Self {
         let allowed = || candidates.iter().filter(|c| c.objections.is_empty());
         let predicted = allowed().filter_map(|c| c.expected_gain).max_by(f64::total_cmp);
         if allowed().next().is_none() {
-            return Self { expected_gain: Some(0.0), basis: "no view is left".to_owned(), stop: true };
+            return Self { expected_gain: Some(0.0), basis: "no view is left".to_owned(), last_added, stop: true };
         }
         let basis = match predicted {
             Some(_) if raised => "predicted by the planner, and raised since the last scan added more than twice that",
@@ -46,11 +54,8 @@ impl Stop {
                 "unknown: this planner does not predict gains; give camera positions (--from) or depth images to get one"
             }
         };
-        Self {
-            expected_gain: predicted,
-            basis: basis.to_owned(),
-            stop: predicted.is_some_and(|gain| gain < stop_below),
-        }
+        let found = Self { expected_gain: predicted, basis: basis.to_owned(), last_added, stop: false };
+        Self { stop: found.compared().is_some_and(|gain| gain < stop_below), ..found }
     }
 }
 

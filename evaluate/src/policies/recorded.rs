@@ -113,7 +113,7 @@ pub fn replay(
             Some(RankedView { gain, overlap, ..RankedView::scored(recording.views()[scan], c.score) })
         });
         let ranked: Vec<RankedView> = ranked.collect();
-        let (gain, most) = (ranked.first().and_then(|r| r.gain), answer.stop.expected_gain);
+        let (gain, most) = (ranked.first().and_then(|r| r.gain), answer.stop.compared());
         forecasts.push(Forecast { gain, most });
         Ok(ranked)
     };

@@ -315,7 +315,9 @@ pub fn forecast_table(rows: &[ForecastRow]) -> Table {
 
 /// [`stops`] for readers.
 pub fn stop_table(rows: &[StopRow]) -> Table {
-    let note = format!("Episodes in which no view was expected to add {STOP_BELOW}, and what was missing there first.");
+    let note = format!(
+        "Episodes in which no view was expected to add {STOP_BELOW}, nor did the last scan, and what was missing there first."
+    );
     Table::of(&format!("What --stop-below {STOP_BELOW} would have left"), &note, rows)
 }
 

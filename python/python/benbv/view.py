@@ -71,11 +71,13 @@ class Stop:
     """Whether another view is worth it."""
 
     stop: bool
-    """Under `stop_below`, or no view is left."""
+    """Expected gain and what the last scan added are both under `stop_below`, or no view is left."""
     expected_gain: float | None
     """The most that one view is expected to add, as a share of the whole surface."""
     basis: str
     """Where that number comes from."""
+    last_added: float | None = None
+    """What the last scan added, as a share of the whole surface; None of a single scan."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,7 @@ class View:
     def stop(self) -> Stop:
         """Whether another view is worth it."""
         stop = self.raw["stop"]
-        return Stop(stop["stop"], stop["expected_gain"], stop["basis"])
+        return Stop(stop["stop"], stop["expected_gain"], stop["basis"], stop.get("last_added"))
 
     @property
     def planner(self) -> str:

@@ -1,4 +1,5 @@
 use super::*;
+use crate::stop::Stop;
 use crate::{Scan, Session, SessionConfig};
 use geometry::PointCloud;
 use nalgebra::Point3;
@@ -65,4 +66,8 @@ fn gains_fall_no_faster_than_scans_before_lead_one_to_expect() {
     near(left.share, 0.02 + 0.7 * 0.08);
     assert!(left.between[1] > 0.1 && left.between[0] == 0.01, "{:?}", left.between);
     assert!(raised[1] <= left.share, "no more than is missing");
+    // 0.038 is expected at most: a run goes on all the same while the last scan added more than the threshold.
+    let stop = |last_added| Stop::judge(&candidates, 0.045, true, last_added);
+    assert!(!stop(Some(0.1)).stop && stop(Some(0.04)).stop && stop(None).stop);
+    assert_eq!((stop(Some(0.1)).compared(), stop(Some(0.02)).compared()), (Some(0.1), Some(raised[1])));
 }
