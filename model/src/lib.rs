@@ -30,3 +30,4 @@ pub use net_planner::{NetPlanner, NetPlannerConfig, NetPlannerError};
 pub use pc_nbv::{PcNbvNet, PcNbvNetConfig};
 pub use pc_nbv_model::{PcNbvError, PcNbvModel};
 pub use precision::Precision;
+pub use shared_mlp::free_buffers;

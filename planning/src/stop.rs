@@ -13,7 +13,8 @@ pub struct Stop {
     pub expected_gain: Option<f64>,
     /// Where that number comes from.
     pub basis: String,
-    /// Share of the whole surface that the last scan added, as far as the planner can tell; absent of a single scan. The next may add as much.
+    /// Share of the whole surface that the last scan added, by the surface that the planner makes out; absent of a single scan, and where it
+    /// makes out none. The next may add as much.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_added: Option<f64>,
     /// Whether both are under `stop_below`, or no view is left.

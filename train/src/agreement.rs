@@ -60,7 +60,9 @@ pub fn check<T: Task>(
         return Ok(None);
     }
     let on = |device: &Device| within(config.precision, || first_step(task, device, net.clone().into_record(), batch));
-    compare(&config.device, &on(&Device::flex())?, &on(device)?, Bounds::of(config.precision)).map(Some)
+    let cpu = on(&Device::flex());
+    model::free_buffers();
+    compare(&config.device, &cpu?, &on(device)?, Bounds::of(config.precision)).map(Some)
 }
 
 /// Loss and gradient of a batch under these weights.

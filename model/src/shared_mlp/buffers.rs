@@ -31,6 +31,11 @@ pub fn begin() {
     left().begin();
 }
 
+/// Frees what steps on the CPU left behind, where no more are to come: after a check on the CPU of a run on a GPU, gigabytes.
+pub fn free_buffers() {
+    left().buffers.clear();
+}
+
 struct Left {
     /// Each with the forward pass in which it was left.
     buffers: Vec<(u64, Vec<f32>)>,

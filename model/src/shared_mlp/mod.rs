@@ -17,6 +17,7 @@ mod statistics;
 mod tensors;
 
 use crate::blocks::{self, LinearBn};
+pub use buffers::free_buffers;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::NoCheckpointing};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, NodeGuard, Ops, OpsKind};

@@ -38,6 +38,25 @@ fn the_last_scan_added_what_no_scan_before_had_measured() {
 }
 
 #[test]
+fn a_run_waits_for_a_scan_that_added_little() {
+    let stop = |starts: &[f64], below: f64| {
+        let config = SessionConfig { stop_below: below, ..SessionConfig::default() };
+        let mut session = Session::new(config, None).expect("settings in range");
+        starts.iter().for_each(|&x| session.add_scan(sheet(x)).map(drop).expect("a scan"));
+        session.next_view().expect("an answer").stop
+    };
+    assert_eq!(stop(&[0.0], 0.0).last_added, None);
+    assert!(stop(&[0.0, 0.0], 0.0).last_added.expect("two scans") < 0.01, "the same surface again");
+    // Half of what is measured; the whole is more.
+    let second = stop(&[0.0, 0.2], 0.0);
+    let added = second.last_added.expect("two scans");
+    assert!((0.05..0.53).contains(&added), "{added}");
+    let compared = second.compared().expect("a prediction");
+    assert!(compared >= added && compared >= second.expected_gain.expect("a prediction"));
+    assert!(!stop(&[0.0, 0.2], compared - 1e-6).stop && stop(&[0.0, 0.2], compared + 1e-6).stop);
+}
+
+#[test]
 fn gains_fall_no_faster_than_scans_before_lead_one_to_expect() {
     let answer = session(&[0.0]).next_view().expect("an answer");
     let mut candidates = answer.candidates;
