@@ -2,10 +2,10 @@
 //! each object goes to a session as a robot's would; the surface that a view shows is counted by samples of the mesh that
 //! its depth image holds. Per cell: the gain told of the first choice over the true one (median over the objects, and the
 //! share within 0.67 to 1.5), the rank correlation of both over the candidates, the overlap told and true, the largest
-//! score. At the end the surface that was told to be missing, and what was.
+//! score. At the end the surface that was told to be missing, and what was. With `--stop-below` instead: when a run ends by it.
 //!
 //! ```text
-//! cargo run --release -p datagen --example gain_matrix -- [--root DIR] [--objects 8] [--scans 1]
+//! cargo run --release -p datagen --example gain_matrix -- [--root DIR] [--objects 8] [--scans 1] [--stop-below 0.02]
 //! ```
 
 use anyhow::Result;
@@ -31,6 +31,9 @@ struct Arguments {
     /// Scans before the decision: the first from above, the others where the planner said.
     #[arg(long, default_value_t = 1)]
     scans: usize,
+    /// Follows each run, at most fifteen scans, until no view is expected to add that share of the surface.
+    #[arg(long)]
+    stop_below: Option<f64>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -39,6 +42,19 @@ enum Given {
     Depth,
     Positions,
     Clouds,
+}
+
+impl Given {
+    const ALL: [Self; 4] = [Self::Background, Self::Depth, Self::Positions, Self::Clouds];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Background => "depth with background",
+            Self::Depth => "depth",
+            Self::Positions => "camera positions",
+            Self::Clouds => "clouds",
+        }
+    }
 }
 
 /// An object with samples of its surface, by area.
@@ -71,6 +87,9 @@ fn main() -> Result<()> {
         let samples = sample_surface(&mesh, 20_000, &mut stream(1, &object.name));
         objects.push(Object { scene: Scene::new(mesh), samples, name: object.name });
     }
+    if let Some(below) = args.stop_below {
+        return stops(&objects, below);
+    }
     println!(
         "| distance m | points kept | camera | evidence | told / true | within | rank | overlap told | true | score |"
     );
@@ -100,12 +119,7 @@ fn main() -> Result<()> {
         let within = found.iter().filter(|o| (0.67..=1.5).contains(&(o.told / o.truth))).count();
         (good, all) = (good + within, all + found.len());
         told.extend(found.iter().map(|o| o.missing));
-        let name = match given {
-            Given::Background => "depth with background",
-            Given::Depth => "depth",
-            Given::Positions => "camera positions",
-            Given::Clouds => "clouds",
-        };
+        let name = given.name();
         println!(
             "| {distance} | {kept} | {width} x {height} | {name} | {:.2} | {within} of {} | {:.2} | {:.2} | {:.2} | {:.2} |",
             median(&|o| o.told / o.truth),
@@ -171,6 +185,69 @@ fn decide(object: &Object, config: &SessionConfig, given: Given, scans: usize) -
         score: answer.candidates.iter().map(|c| c.score).fold(0.0, f64::max),
         missing: (missing.0, missing.1, open),
     }))
+}
+
+/// Scans until a run ends by the expected gain alone, and by all that the session compares; what was unseen then, and what the best candidate
+/// would have added.
+fn stops(objects: &[Object], below: f64) -> Result<()> {
+    println!(
+        "| evidence | expected gain alone: scans | unseen, median, most % | best left % | as it ends: scans | unseen | best left |"
+    );
+    println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: |");
+    for given in Given::ALL {
+        let mut ends: [Vec<[f64; 3]>; 2] = Default::default();
+        for object in objects {
+            let found = follow(object, given, below)?;
+            ends.iter_mut().zip(found).for_each(|(ends, end)| ends.extend(end));
+        }
+        let told = ends.map(|mut ends| {
+            let mean = ends.iter().map(|[scans, ..]| scans).sum::<f64>() / ends.len() as f64;
+            let mut sorted = |i: usize| {
+                ends.sort_by(|a, b| a[i].total_cmp(&b[i]));
+                let at = |k: usize| ends.get(k).map_or(f64::NAN, |end| 100.0 * end[i]);
+                format!("{:.1}, {:.1}", at(ends.len() / 2), at(ends.len().saturating_sub(1)))
+            };
+            let (unseen, left) = (sorted(1), sorted(2));
+            format!("{mean:.2} ({}) | {unseen} | {left}", ends.len())
+        });
+        println!("| {} | {} | {} |", given.name(), told[0], told[1]);
+    }
+    Ok(())
+}
+
+/// Scans, unseen share and gain of the best candidate where the run ends by either.
+fn follow(object: &Object, given: Given, below: f64) -> Result<[Option<[f64; 3]>; 2]> {
+    let config = SessionConfig { stop_below: below, ..Default::default() };
+    let camera = config.camera.camera();
+    let mut session = Session::new(config, None)?;
+    let mut seen = vec![false; object.samples.len()];
+    let mut view = datagen::episode::initial_view(&EpisodeConfig::default(), &mut stream(0, &object.name));
+    let mut ends = [None; 2];
+    for scans in 1..=15 {
+        let (scan, shows) = look(object, &camera, &view, given);
+        seen.iter_mut().zip(&shows).for_each(|(seen, shows)| *seen |= shows);
+        session.add_scan(scan)?;
+        let answer = session.next_view()?;
+        let alone = answer.stop.expected_gain.is_some_and(|gain| gain < below);
+        for (end, over) in ends.iter_mut().zip([alone, answer.stop.stop]) {
+            if over && end.is_none() {
+                let all = seen.len() as f64;
+                let adds = |c: &planning::Candidate| {
+                    let view = View { target: c.target_m.into(), position: c.position_m.into() };
+                    let (_, shows) = look(object, &camera, &view, given);
+                    seen.iter().zip(&shows).filter(|(seen, shows)| **shows && !**seen).count() as f64 / all
+                };
+                let allowed = answer.candidates.iter().filter(|c| c.objections.is_empty());
+                let most = allowed.map(adds).fold(0.0, f64::max);
+                *end = Some([scans as f64, seen.iter().filter(|s| !**s).count() as f64 / all, most]);
+            }
+        }
+        match answer.next.filter(|_| ends.iter().any(Option::is_none)) {
+            Some(next) => view = View { target: next.target_m.into(), position: next.position_m.into() },
+            None => break,
+        }
+    }
+    Ok(ends)
 }
 
 /// The scan from a view as it is given, and which samples it shows.

@@ -304,7 +304,7 @@ impl Session {
                 let least = ranking.views.iter().map(|(v, _)| v.score).fold(f64::INFINITY, f64::min);
                 let score = if least.is_finite() { least } else { 0.0 };
                 let distance = self.state.working_distance;
-                ranking.last_added = decline::last_added(&self.scans, &self.state);
+                ranking.lately_added = decline::lately_added(&self.scans, &self.state);
                 ranking.views.extend(self.between().into_iter().map(|v| (crate::RankedView { score, ..v }, distance)));
                 ranking
             }
@@ -352,11 +352,21 @@ impl Session {
         for (rank, candidate) in candidates.iter_mut().enumerate() {
             candidate.rank = rank;
         }
-        let (mut missing, surface) = self.missing(choice.planner, &candidates, cell).unzip();
-        let last_added = ranking.last_added.zip(self.planners.surface(choice.planner)).map(|(l, s)| l * s.covered());
-        let raised = last_added.is_some_and(|added| decline::heed(&mut candidates, missing.as_mut(), added));
+        let (mut missing, mut surface) = self.missing(choice.planner, &candidates, cell).unzip();
+        let open = self.underestimated(missing.as_ref());
+        if open.is_some() {
+            (missing, surface) = (None, None);
+            candidates.iter_mut().for_each(|c| c.expected_gain = None);
+        }
+        let known = self.planners.surface(choice.planner);
+        let added = ranking.lately_added.map(|share| share.zip(known).map(|(share, known)| share * known.covered()));
+        let raised = added[0].is_some_and(|added| decline::heed(&mut candidates, missing.as_mut(), added));
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
-        let stop = Stop::judge(&candidates, self.config.stop_below, raised, last_added);
+        let mut stop = Stop::judge(&candidates, self.config.stop_below, raised, added);
+        let too_thin = open.map(|open| self.too_thin(open));
+        if let (Some(why), None) = (&too_thin, stop.expected_gain) {
+            stop.basis = format!("unknown: {why}");
+        }
         Ok(Answer {
             stop,
             planner: choice.planner.as_str().to_owned(),
@@ -370,7 +380,7 @@ impl Session {
             support: self.support,
             complete: ranking.complete,
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
-            warnings: self.warnings(next.as_ref(), &candidates).into_iter().chain(gives_way).collect(),
+            warnings: self.warnings(next.as_ref(), &candidates).into_iter().chain(gives_way).chain(too_thin).collect(),
             next,
             candidates,
         })

@@ -17,7 +17,10 @@ pub struct Stop {
     /// makes out none. The next may add as much.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_added: Option<f64>,
-    /// Whether both are under `stop_below`, or no view is left.
+    /// Likewise what the last two scans added together: one scan may add little by accident.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub last_two_added: Option<f64>,
+    /// Whether the next view, the last scan and the mean of the last two are under `stop_below`, or no view is left.
     pub stop: bool,
 }
 
@@ -37,16 +40,25 @@ pub struct Missing {
 impl Stop {
     /// What `stop_below` is compared with.
     pub fn compared(&self) -> Option<f64> {
-        self.expected_gain.map(|gain| gain.max(self.last_added.unwrap_or(0.0)))
+        let added = self.last_added.unwrap_or(0.0).max(0.5 * self.last_two_added.unwrap_or(0.0));
+        self.expected_gain.map(|gain| gain.max(added))
     }
 
     /// From the most that any candidate which may be taken is predicted to add, whatever its rank.
-    /// `raised` is whether what the last scan added had part in it.
-    pub fn judge(candidates: &[Candidate], stop_below: f64, raised: bool, last_added: Option<f64>) -> Self {
+    /// `raised` is whether what the last scan added had part in it; `added` is what the last scan and the last two added.
+    pub fn judge(candidates: &[Candidate], stop_below: f64, raised: bool, added: [Option<f64>; 2]) -> Self {
+        let [last_added, last_two_added] = added;
+        let found = |expected_gain, basis: &str, stop| Self {
+            expected_gain,
+            basis: basis.to_owned(),
+            last_added,
+            last_two_added,
+            stop,
+        };
         let allowed = || candidates.iter().filter(|c| c.objections.is_empty());
         let predicted = allowed().filter_map(|c| c.expected_gain).max_by(f64::total_cmp);
         if allowed().next().is_none() {
-            return Self { expected_gain: Some(0.0), basis: "no view is left".to_owned(), last_added, stop: true };
+            return found(Some(0.0), "no view is left", true);
         }
         let basis = match predicted {
             Some(_) if raised => "predicted by the planner, and raised since the last scan added more than twice that",
@@ -55,7 +67,7 @@ impl Stop {
                 "unknown: this planner does not predict gains; give camera positions (--from) or depth images to get one"
             }
         };
-        let found = Self { expected_gain: predicted, basis: basis.to_owned(), last_added, stop: false };
+        let found = found(predicted, basis, false);
         Self { stop: found.compared().is_some_and(|gain| gain < stop_below), ..found }
     }
 }

@@ -16,10 +16,13 @@ const WEIGHT: f64 = 0.7;
 /// Points of the cloud that are looked at, about.
 const ASKED: usize = 4_000;
 
-/// Share of the accumulated cloud that only the last scan measured: no point of those before lies within reach. `None` of a
-/// single scan.
-pub(super) fn last_added(scans: &[PreparedScan], state: &ScanState) -> Option<f64> {
-    let [before @ .., _] = scans else { return None };
+/// Share of the accumulated cloud that only the last scan, and only the last two, measured: no point of those before lies within reach.
+/// `None` where there are none before.
+pub(super) fn lately_added(scans: &[PreparedScan], state: &ScanState) -> [Option<f64>; 2] {
+    [1, 2].map(|last| added_since(&scans[..scans.len().saturating_sub(last)], state))
+}
+
+fn added_since(before: &[PreparedScan], state: &ScanState) -> Option<f64> {
     if before.is_empty() || state.cloud.is_empty() {
         return None;
     }

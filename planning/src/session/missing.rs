@@ -2,13 +2,16 @@
 
 use super::Session;
 use super::placing::Cell;
-use crate::answer::{Answer, Candidate};
+use crate::answer::{Answer, Candidate, length};
 use crate::config::PlannerName;
 use crate::constraints::ConstraintsConfig;
 use crate::stop::Missing;
 use crate::{Allowed, ExpectedPoint, Surface};
 use geometry::View;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// Surface met at less than this cosine counts as if it were met at it.
+const GRAZING: f64 = 0.1;
 
 impl Session {
     /// Points of the surface that was expected where nothing is known, when this answer was given; none where its planner does
@@ -42,4 +45,46 @@ impl Session {
         let allowed = Allowed { candidates: &allowed, others: any_other.then_some(&others) };
         Some(Missing::of(self.planners.holes(planner, &self.state, &allowed), &surface))
     }
+
+    /// The least share that is missing, where that is more than `missing` allows: then the planner's voxels are too coarse for the object.
+    pub(super) fn underestimated(&self, missing: Option<&Missing>) -> Option<f64> {
+        let [scan] = &self.scans[..] else { return None };
+        // A line scanner looks from many places, and a table closes what stands on it.
+        if scan.past.len() != 1 || self.state.support.is_some() {
+            return None;
+        }
+        let (eye, missing, cloud) = (scan.camera_position()?, missing?, &self.state.cloud);
+        let open = open_share(&cloud.points, &cloud.normals, &eye);
+        (open > missing.between[1] + missing.out_of_reach_share).then_some(open)
+    }
+
+    /// What is said of it.
+    pub(super) fn too_thin(&self, open: f64) -> String {
+        format!(
+            "at least {:.0} % of the surface is missing, since what the scan shows does not close, but the parts are too thin for the planner \
+             to make that out from {} at a tolerance of {}: gains are not predicted; scan from nearer (--distance), with more pixels, or with a \
+             smaller tolerance_m",
+            100.0 * open,
+            length(self.state.working_distance),
+            length(self.state.tolerance)
+        )
+    }
 }
+
+/// Least share of a closed surface that one look has not measured. The outward area vectors of a closed surface sum to zero, so that
+/// what is left has at least the area of the sum of those measured. Points are taken to be as many per pixel; where they are as many per area
+/// the share is smaller.
+fn open_share(points: &[Point3<f64>], normals: &[Vector3<f64>], eye: &Point3<f64>) -> f64 {
+    let (mut sum, mut area) = (Vector3::zeros(), 0.0);
+    for (p, n) in points.iter().zip(normals) {
+        let (ray, Some(normal)) = (eye - p, n.try_normalize(0.0)) else { continue };
+        let cosine = normal.dot(&ray) / ray.norm();
+        let patch = ray.norm_squared() / cosine.abs().max(GRAZING);
+        sum += patch * normal;
+        area += patch;
+    }
+    sum.norm() / (sum.norm() + area).max(f64::MIN_POSITIVE)
+}
+
+#[cfg(test)]
+mod tests;

@@ -12,7 +12,7 @@ pub(super) struct Ranking {
     pub(super) views: Vec<(RankedView, f64)>,
     pub(super) boundary: usize,
     /// Share of the cloud that the last scan alone measured.
-    pub(super) last_added: Option<f64>,
+    pub(super) lately_added: [Option<f64>; 2],
     /// Whether time sufficed for all of them.
     pub(super) complete: bool,
 }
@@ -78,5 +78,5 @@ fn rank_all(
     if config.rank_by == RankBy::Gain {
         views.iter_mut().for_each(|(view, _)| view.score = view.gain.unwrap_or(view.score));
     }
-    Ok(Ranking { views, boundary, last_added: None, complete })
+    Ok(Ranking { views, boundary, lately_added: [None; 2], complete })
 }

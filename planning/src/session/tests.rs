@@ -27,14 +27,14 @@ fn stop_asks_all_views_that_may_be_taken() {
         candidate.expected_gain = Some(gain);
     }
     candidates[2].objections.push(Objection::scanned());
-    let stop = Stop::judge(&candidates, 0.1, false, None);
+    let stop = Stop::judge(&candidates, 0.1, false, [None; 2]);
     assert_eq!((stop.expected_gain, stop.stop), (Some(0.2), false), "the second is worth it, the third is ruled out");
     candidates.remove(1);
-    assert!(Stop::judge(&candidates, 0.1, false, None).stop, "the first alone is not");
+    assert!(Stop::judge(&candidates, 0.1, false, [None; 2]).stop, "the first alone is not");
     candidates[0].expected_gain = None;
-    let unknown = Stop::judge(&candidates, 0.1, false, None);
+    let unknown = Stop::judge(&candidates, 0.1, false, [None; 2]);
     assert!(!unknown.stop && unknown.expected_gain.is_none(), "no prediction is no reason to end: {unknown:?}");
-    assert!(Stop::judge(&[], 0.0, false, None).stop, "no view is left");
+    assert!(Stop::judge(&[], 0.0, false, [None; 2]).stop, "no view is left");
 }
 
 #[test]

@@ -71,13 +71,15 @@ class Stop:
     """Whether another view is worth it."""
 
     stop: bool
-    """Expected gain and what the last scan added are both under `stop_below`, or no view is left."""
+    """The expected gain, what the last scan added and the mean of the last two are under `stop_below`, or no view is left."""
     expected_gain: float | None
     """The most that one view is expected to add, as a share of the whole surface."""
     basis: str
     """Where that number comes from."""
     last_added: float | None = None
     """What the last scan added, as a share of the whole surface; None of a single scan."""
+    last_two_added: float | None = None
+    """What the last two scans added together; None of two scans or fewer."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,8 @@ class View:
     def stop(self) -> Stop:
         """Whether another view is worth it."""
         stop = self.raw["stop"]
-        return Stop(stop["stop"], stop["expected_gain"], stop["basis"], stop.get("last_added"))
+        added = (stop.get("last_added"), stop.get("last_two_added"))
+        return Stop(stop["stop"], stop["expected_gain"], stop["basis"], *added)
 
     @property
     def planner(self) -> str:

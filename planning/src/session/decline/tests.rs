@@ -23,18 +23,26 @@ fn session(starts: &[f64]) -> Session {
 fn the_last_scan_added_what_no_scan_before_had_measured() {
     let added = |starts: &[f64]| {
         let session = session(starts);
-        last_added(&session.scans, &session.state)
+        lately_added(&session.scans, &session.state)
     };
-    assert_eq!(added(&[0.0]), None, "nothing to compare it with");
+    assert_eq!(added(&[0.0]), [None; 2], "nothing to compare it with");
+    assert_eq!(added(&[0.0, 0.2])[1], None, "nothing before the last two");
     // Within the tolerance of 2 mm a column more counts as known.
     let near = |starts: &[f64], share: f64| {
-        let added = added(starts).expect("scans before");
+        let added = added(starts)[0].expect("scans before");
+        assert!((added - share).abs() < 0.03, "{starts:?}: {added}, not {share}");
+    };
+    let together = |starts: &[f64], share: f64| {
+        let added = added(starts)[1].expect("scans before");
         assert!((added - share).abs() < 0.03, "{starts:?}: {added}, not {share}");
     };
     near(&[0.0, 0.0], 0.0);
     near(&[0.0, 0.04], 1.0 / 3.0);
     near(&[0.0, 0.2], 0.5);
     near(&[0.0, 0.2, 0.04], 0.04 / 0.2);
+    together(&[0.0, 0.2, 0.04], 0.12 / 0.2);
+    together(&[0.0, 0.2, 0.2], 0.5);
+    together(&[0.0, 0.2, 0.2, 0.0], 0.0);
 }
 
 #[test]
@@ -54,6 +62,10 @@ fn a_run_waits_for_a_scan_that_added_little() {
     let compared = second.compared().expect("a prediction");
     assert!(compared >= added && compared >= second.expected_gain.expect("a prediction"));
     assert!(!stop(&[0.0, 0.2], compared - 1e-6).stop && stop(&[0.0, 0.2], compared + 1e-6).stop);
+    // The third adds nothing, and half of what the second added is still more than any view is expected to.
+    let third = stop(&[0.0, 0.2, 0.2], 0.0);
+    let (last, two) = (third.last_added.expect("scans before"), third.last_two_added.expect("scans before"));
+    assert!(last < 0.01 && two > 0.1, "{last} {two}");
 }
 
 #[test]
@@ -85,8 +97,14 @@ fn gains_fall_no_faster_than_scans_before_lead_one_to_expect() {
     near(left.share, 0.02 + 0.7 * 0.08);
     assert!(left.between[1] > 0.1 && left.between[0] == 0.01, "{:?}", left.between);
     assert!(raised[1] <= left.share, "no more than is missing");
-    // 0.038 is expected at most: a run goes on all the same while the last scan added more than the threshold.
-    let stop = |last_added| Stop::judge(&candidates, 0.045, true, last_added);
-    assert!(!stop(Some(0.1)).stop && stop(Some(0.04)).stop && stop(None).stop);
-    assert_eq!((stop(Some(0.1)).compared(), stop(Some(0.02)).compared()), (Some(0.1), Some(raised[1])));
+    // 0.038 is expected at most: a run goes on all the same while the last scan added more than the threshold, or the last two did in the
+    // mean.
+    let stop = |last, two| Stop::judge(&candidates, 0.045, true, [last, two]);
+    assert!(!stop(Some(0.1), None).stop && stop(Some(0.04), None).stop && stop(None, None).stop);
+    assert!(!stop(Some(0.04), Some(0.1)).stop && stop(Some(0.04), Some(0.08)).stop);
+    let compared = |last, two| stop(Some(last), Some(two)).compared();
+    assert_eq!(
+        [compared(0.1, 0.1), compared(0.02, 0.02), compared(0.02, 0.1)],
+        [Some(0.1), Some(raised[1]), Some(0.05)]
+    );
 }
