@@ -4,10 +4,10 @@
 //!     cargo run --release -p model --example bench -- forward 1 4096
 
 use burn::module::Module;
-use burn::optim::{AdamWConfig, GradientsParams};
+use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 use cpu_time::ProcessTime;
-use model::{BenbvNetConfig, NetInput, position_weighted_loss};
+use model::{AdamW, BenbvNetConfig, NetInput, position_weighted_loss};
 use rand::RngExt;
 use std::io::{BufRead, Write};
 use std::time::Instant;
@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
 
     let training = mode == "train";
-    let mut optimizer = AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(0.01).init();
+    let mut optimizer = AdamW::new([0.9, 0.999], 1e-8, 0.01).init();
     if training {
         net = net.train();
     }

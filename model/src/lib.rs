@@ -6,6 +6,7 @@
 //!
 //! In shapes: `B` batch, `N` cloud points, `K` candidates, `C` channels.
 
+pub mod adamw;
 pub mod benbv;
 pub mod blocks;
 pub mod checkpoint;
@@ -22,6 +23,7 @@ pub mod published;
 mod shared_mlp;
 pub mod sums;
 
+pub use adamw::AdamW;
 pub use benbv::{BenbvNet, NetInput};
 pub use config::{BenbvNetConfig, SizeError};
 pub use encode::{EncodeConfig, Encoded, Normalisation};

@@ -352,18 +352,13 @@ impl Session {
         for (rank, candidate) in candidates.iter_mut().enumerate() {
             candidate.rank = rank;
         }
-        let (mut missing, mut surface) = self.missing(choice.planner, &candidates, cell).unzip();
-        let open = self.underestimated(missing.as_ref());
-        if open.is_some() {
-            (missing, surface) = (None, None);
-            candidates.iter_mut().for_each(|c| c.expected_gain = None);
-        }
+        let (found, too_thin) = self.missing(choice.planner, &mut candidates, cell);
+        let (mut missing, surface) = found.unzip();
         let known = self.planners.surface(choice.planner);
         let added = ranking.lately_added.map(|share| share.zip(known).map(|(share, known)| share * known.covered()));
         let raised = added[0].is_some_and(|added| decline::heed(&mut candidates, missing.as_mut(), added));
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
         let mut stop = Stop::judge(&candidates, self.config.stop_below, raised, added);
-        let too_thin = open.map(|open| self.too_thin(open));
         if let (Some(why), None) = (&too_thin, stop.expected_gain) {
             stop.basis = format!("unknown: {why}");
         }

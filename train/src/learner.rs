@@ -6,7 +6,7 @@ use crate::gradient::Statistics;
 use crate::task::Task;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::decay::WeightDecayConfig;
-use burn::optim::{AdamConfig, AdamWConfig, ModuleOptimizer};
+use burn::optim::{AdamConfig, ModuleOptimizer};
 use burn::tensor::{Device, Tensor};
 use geometry::rng::stream;
 use model::published::Network;
@@ -89,12 +89,7 @@ fn optimizer(config: &TrainConfig) -> ModuleOptimizer {
     let o = &config.optimizer;
     let (beta_1, beta_2, epsilon) = (o.beta_1 as f32, o.beta_2 as f32, o.epsilon as f32);
     match o.kind {
-        OptimizerKind::Adamw => AdamWConfig::new()
-            .with_beta_1(beta_1)
-            .with_beta_2(beta_2)
-            .with_epsilon(epsilon)
-            .with_weight_decay(o.weight_decay as f32)
-            .init(),
+        OptimizerKind::Adamw => model::AdamW::new([beta_1, beta_2], epsilon, o.weight_decay as f32).init(),
         OptimizerKind::Adam => {
             let decay = (o.weight_decay > 0.0).then(|| WeightDecayConfig::new(o.weight_decay as f32));
             AdamConfig::new()

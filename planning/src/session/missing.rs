@@ -21,13 +21,25 @@ impl Session {
         if volumetric { self.planners.expected_surface(PlannerName::Volumetric) } else { Vec::new() }
     }
 
-    /// What the planner that has just answered finds missing, and the surface with it; `None` where it does not make that out.
+    /// What the planner that has just answered finds missing, and the surface with it; `None` where it does not make that out. Also where
+    /// one look shows that it is too little: then the candidates have no gain either, and the reason is given.
     pub(super) fn missing(
         &self,
         planner: PlannerName,
-        candidates: &[Candidate],
-        mut cell: Cell,
-    ) -> Option<(Missing, Surface)> {
+        candidates: &mut [Candidate],
+        cell: Cell,
+    ) -> (Option<(Missing, Surface)>, Option<String>) {
+        let found = self.made_out(planner, candidates, cell);
+        match found.as_ref().and_then(|(missing, _)| self.underestimated(missing)) {
+            Some(open) => {
+                candidates.iter_mut().for_each(|c| c.expected_gain = None);
+                (None, Some(self.too_thin(open)))
+            }
+            None => (found, None),
+        }
+    }
+
+    fn made_out(&self, planner: PlannerName, candidates: &[Candidate], mut cell: Cell) -> Option<(Missing, Surface)> {
         let surface = self.planners.surface(planner)?;
         let pose = |c: &Candidate| match c.given {
             Some(i) => self.given_views[i],
@@ -47,19 +59,19 @@ impl Session {
     }
 
     /// The least share that is missing, where that is more than `missing` allows: then the planner's voxels are too coarse for the object.
-    pub(super) fn underestimated(&self, missing: Option<&Missing>) -> Option<f64> {
+    fn underestimated(&self, missing: &Missing) -> Option<f64> {
         let [scan] = &self.scans[..] else { return None };
         // A line scanner looks from many places, and a table closes what stands on it.
         if scan.past.len() != 1 || self.state.support.is_some() {
             return None;
         }
-        let (eye, missing, cloud) = (scan.camera_position()?, missing?, &self.state.cloud);
+        let (eye, cloud) = (scan.camera_position()?, &self.state.cloud);
         let open = open_share(&cloud.points, &cloud.normals, &eye);
         (open > missing.between[1] + missing.out_of_reach_share).then_some(open)
     }
 
     /// What is said of it.
-    pub(super) fn too_thin(&self, open: f64) -> String {
+    fn too_thin(&self, open: f64) -> String {
         format!(
             "at least {:.0} % of the surface is missing, since what the scan shows does not close, but the parts are too thin for the planner \
              to make that out from {} at a tolerance of {}: gains are not predicted; scan from nearer (--distance), with more pixels, or with a \
