@@ -23,6 +23,7 @@ fn weights_and_moments_are_burns_to_the_bit() {
         let ours = AdamW::new([0.9, 0.999], 1e-8, decay);
         let mut weights = [tensor(&mut rng, shape, &device), tensor(&mut rng, [1, 1], &device)];
         weights[1] = weights[0].clone();
+        assert!(on_cpu(&weights[0]).is_some(), "not burn's twice");
         let mut states = [None, None];
         for step in 0..20 {
             let gradient = tensor(&mut rng, shape, &device) * 10f64.powi(step % 5 - 3);
