@@ -109,8 +109,14 @@ fn main() -> Result<()> {
     for (distance, kept, (width, height, fov_y_deg), given) in cells {
         let camera = CameraConfig { width, height, fov_y_deg, intrinsics: None };
         let config = SessionConfig { working_distance_m: distance, max_points: kept, camera, ..Default::default() };
-        let found: Vec<Outcome> =
-            objects.iter().filter_map(|o| decide(o, &config, given, args.scans).transpose()).collect::<Result<_>>()?;
+        // From 3 m a sword has fewer points than a session takes.
+        let decided = |o: &Object| {
+            decide(o, &config, given, args.scans).unwrap_or_else(|e| {
+                eprintln!("{} at {distance} m is left out: {e}", o.name);
+                None
+            })
+        };
+        let found: Vec<Outcome> = objects.iter().filter_map(decided).collect();
         let median = |f: &dyn Fn(&Outcome) -> f64| {
             let mut values: Vec<f64> = found.iter().map(f).collect();
             values.sort_by(f64::total_cmp);
