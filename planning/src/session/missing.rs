@@ -2,7 +2,7 @@
 
 use super::Session;
 use super::placing::Cell;
-use crate::answer::{Answer, Candidate, length};
+use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
 use crate::constraints::ConstraintsConfig;
 use crate::stop::Missing;
@@ -30,13 +30,12 @@ impl Session {
         cell: Cell,
     ) -> (Option<(Missing, Surface)>, Option<String>) {
         let found = self.made_out(planner, candidates, cell);
-        match found.as_ref().and_then(|(missing, _)| self.underestimated(missing)) {
-            Some(open) => {
-                candidates.iter_mut().for_each(|c| c.expected_gain = None);
-                (None, Some(self.too_thin(open)))
-            }
-            None => (found, None),
+        let doubt =
+            found.as_ref().and_then(|(missing, _)| Some(Self::too_little(self.underestimated(missing)?, missing)));
+        if doubt.is_some() {
+            candidates.iter_mut().for_each(|c| c.expected_gain = None);
         }
+        (found.filter(|_| doubt.is_none()), doubt)
     }
 
     fn made_out(&self, planner: PlannerName, candidates: &[Candidate], mut cell: Cell) -> Option<(Missing, Surface)> {
@@ -58,7 +57,7 @@ impl Session {
         Some(Missing::of(self.planners.holes(planner, &self.state, &allowed), &surface))
     }
 
-    /// The least share that is missing, where that is more than `missing` allows: then the planner's voxels are too coarse for the object.
+    /// The least share that is missing, where that is more than `missing` allows.
     fn underestimated(&self, missing: &Missing) -> Option<f64> {
         let [scan] = &self.scans[..] else { return None };
         // A line scanner looks from many places, and a table closes what stands on it.
@@ -71,14 +70,12 @@ impl Session {
     }
 
     /// What is said of it.
-    fn too_thin(&self, open: f64) -> String {
+    fn too_little(open: f64, missing: &Missing) -> String {
         format!(
-            "at least {:.0} % of the surface is missing, since what the scan shows does not close, but the parts are too thin for the planner \
-             to make that out from {} at a tolerance of {}: gains are not predicted; scan from nearer (--distance), with more pixels, or with a \
-             smaller tolerance_m",
+            "at least {:.0} % of the surface is missing, since what the scan shows does not close, and the planner makes out {:.0} % at most \
+             (a thin part seen on its edge?): gains are not predicted from this scan alone; take another",
             100.0 * open,
-            length(self.state.working_distance),
-            length(self.state.tolerance)
+            100.0 * (missing.between[1] + missing.out_of_reach_share)
         )
     }
 }
