@@ -352,14 +352,14 @@ impl Session {
         for (rank, candidate) in candidates.iter_mut().enumerate() {
             candidate.rank = rank;
         }
-        let (found, too_little) = self.missing(choice.planner, &mut candidates, cell);
+        let (found, doubt) = self.missing(choice.planner, &mut candidates, cell);
         let (mut missing, surface) = found.unzip();
         let known = self.planners.surface(choice.planner);
         let added = ranking.lately_added.map(|share| share.zip(known).map(|(share, known)| share * known.covered()));
         let raised = added[0].is_some_and(|added| decline::heed(&mut candidates, missing.as_mut(), added));
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
         let mut stop = Stop::judge(&candidates, self.config.stop_below, raised, added);
-        if let (Some(why), None) = (&too_little, stop.expected_gain) {
+        if let (Some(why), None) = (&doubt, stop.expected_gain) {
             stop.basis = format!("unknown: {why}");
         }
         Ok(Answer {
@@ -375,12 +375,7 @@ impl Session {
             support: self.support,
             complete: ranking.complete,
             excluded: count_exclusions(candidates.iter().map(|c| &c.objections[..])),
-            warnings: self
-                .warnings(next.as_ref(), &candidates)
-                .into_iter()
-                .chain(gives_way)
-                .chain(too_little)
-                .collect(),
+            warnings: self.warnings(next.as_ref(), &candidates).into_iter().chain(gives_way).chain(doubt).collect(),
             next,
             candidates,
         })
