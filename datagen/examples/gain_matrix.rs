@@ -17,8 +17,14 @@ use geometry::rng::stream;
 use geometry::sampling::sample_surface;
 use geometry::{PinholeCamera, PointCloud, View};
 use nalgebra::Point3;
+use parry3d::shape::TriMesh;
 use planning::config::CameraConfig;
 use planning::{NoReturn, Scan, Session, SessionConfig};
+use rays::{seen, surface};
+
+#[path = "../tests/rays/mod.rs"]
+#[allow(dead_code)] // Tests use more of it.
+mod rays;
 
 #[derive(Parser)]
 struct Arguments {
@@ -60,6 +66,8 @@ impl Given {
 /// An object with samples of its surface, by area.
 struct Object {
     scene: Scene,
+    /// The same for rays.
+    surface: TriMesh,
     samples: Vec<Point3<f64>>,
     name: String,
 }
@@ -84,8 +92,8 @@ fn main() -> Result<()> {
     let mut objects = Vec::new();
     for object in list_objects(&config, 0, 0.0)? {
         let mesh = load_mesh(&object)?.normalized(0.2);
-        let samples = sample_surface(&mesh, 20_000, &mut stream(1, &object.name));
-        objects.push(Object { scene: Scene::new(mesh), samples, name: object.name });
+        let samples = sample_surface(&mesh, 10_000, &mut stream(1, &object.name));
+        objects.push(Object { surface: surface(&mesh), scene: Scene::new(mesh), samples, name: object.name });
     }
     if let Some(below) = args.stop_below {
         return stops(&objects, below);
@@ -273,7 +281,9 @@ fn look(object: &Object, camera: &PinholeCamera, view: &View, given: Given) -> (
             if inside { f64::from(depth.depth[(at[1] * i64::from(depth.size[0]) + at[0]) as usize]) } else { 0.0 };
         measured > 0.0 && (local.z - measured).abs() < margin(local.z)
     };
-    let shows = object.samples.iter().map(shows).collect();
+    // Within that margin also lie the backs of thin parts, which the image does not show.
+    let faces = |p: &Point3<f64>| seen(&object.surface, std::slice::from_ref(p), &view.position)[0];
+    let shows = object.samples.iter().map(|p| shows(p) && faces(p)).collect();
     let points = || PointCloud { points: depth.to_points(camera, &pose), normals: Vec::new() };
     let scan = match given {
         Given::Background | Given::Depth => {

@@ -85,6 +85,7 @@ fn main() -> Result<()> {
     let sequence = read_sequence(&args.root.join(&args.only).join("sequence.json")).context("a sequence")?;
     let recording = Recording::new(sequence, args.tolerance_m);
     let evidence = evidence(&args.evidence)?;
+    anyhow::ensure!(recording.has(evidence), "{} has no scans of --evidence {}", args.only, args.evidence);
     println!(
         "{} {}: spread {:.2} mm, {} points",
         args.only,

@@ -1,6 +1,7 @@
 //! Planning without a model: space carved by past scans, the surface expected in what is left unknown, and the gain
 //! and overlap that a view can expect of both.
 
+mod backs;
 mod belief;
 mod carved;
 mod grid;
@@ -84,6 +85,10 @@ impl Default for VolumetricConfig {
 const GAIN: f64 = 1.3;
 /// Weight of the expected surface in the coverage that the score goes by: gain and overlap change places early.
 const FINISHED: f64 = 0.41;
+/// Share of the whole from which on the backs of thin parts are looked for: they have candidates, and count in the score. Fewer mostly lie within
+/// the tolerance of their fronts, so that views at them gain nothing by it (docs/log.md).
+const THIN: f64 = 0.25;
+
 /// What the planner expects of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewForecast {
@@ -119,7 +124,7 @@ pub struct ViewForecast {
 pub struct Forecasts {
     /// The candidates, in their order.
     pub views: Vec<ViewForecast>,
-    /// The whole surface.
+    /// The whole surface, without the backs of thin parts: to the tolerance most lie where their fronts do.
     pub surface: Surface,
 }
 
@@ -212,7 +217,7 @@ impl VolumetricPlanner {
             return Forecasts::default();
         }
         let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
-        let candidates: Vec<(View, Isometry3<f64>)> = if state.given_views.is_empty() {
+        let mut candidates: Vec<(View, Isometry3<f64>)> = if state.given_views.is_empty() {
             let own = candidate_views(cloud, &near, state.working_distance, &self.config.candidates, rng);
             own.iter().map(|c| (c.view, c.view.world_from_camera())).collect()
         } else {
@@ -227,15 +232,23 @@ impl VolumetricPlanner {
         grid.set_cloud(cloud);
         let known_m2 = grid.estimate_covered(cloud, &near, state.reach);
         grid.relax();
-        let surface = Surface { known_m2, expected_m2: grid.expected_area() };
-        let total = (surface.known_m2 + surface.expected_m2).max(f64::MIN_POSITIVE);
-        let missing = surface.expected_m2 / total;
-        self.surface = surface;
         let carves = self.carved.iter().all(Carved::carves);
         let trust = predict::trust(grid.voxel, state.tolerance);
         let leaps = Leaps::new(&grid, carves);
+        grid.backs.clear();
+        grid.backs = backs::open_backs(&Marcher::new(&grid, &leaps, &state.sensor), state);
         let beliefs = belief::beliefs(&Marcher::new(&grid, &leaps, &state.sensor), state);
         grid.expected.iter_mut().zip(beliefs).for_each(|(voxel, belief)| voxel.belief = belief);
+        let (membrane_m2, backs_m2) = (grid.area_of(&grid.expected), grid.area_of(&grid.backs));
+        self.surface = Surface { known_m2, expected_m2: membrane_m2 + backs_m2 };
+        let total = (known_m2 + membrane_m2).max(f64::MIN_POSITIVE);
+        let whole = total + backs_m2;
+        let missing = self.surface.expected_m2 / whole;
+        let thin = backs_m2 > THIN * whole;
+        if thin && state.given_views.is_empty() {
+            let at_backs = backs::views(&grid, state.working_distance);
+            candidates.extend(at_backs.map(|view| (view, view.world_from_camera())));
+        }
         let marcher = Marcher::new(&grid, &leaps, &state.sensor);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
         let look = |(view, pose): &(View, Isometry3<f64>)| {
@@ -245,18 +258,20 @@ impl VolumetricPlanner {
             let seen = marcher.forecast(&state.camera, pose, stride, state.tolerance);
             let area = seen.area;
             // What lies beyond bounds the gain from above; it means nothing where misses do not carve.
-            let new = area.covered + if carves { 0.5 * area.beyond } else { 0.0 };
+            let (backs, pixels) = marcher.backs_in_view(&state.camera, pose);
+            let told = if thin { seen.with_expected(pixels) } else { seen };
+            let new = area.covered + if carves { 0.5 * area.beyond } else { 0.0 } + if thin { backs } else { 0.0 };
             let all = (seen.hidden + seen.known).max(1.0);
             Some(ViewForecast {
                 view: *view,
                 gain: new / total,
-                reported_gain: (area.expected / total).min(missing),
+                reported_gain: ((area.expected + backs) / whole).min(missing),
                 overlap: seen.overlap(trust),
-                reported_overlap: seen.seen_again(trust),
-                cautious_overlap: seen.seen_again_at_least(trust, carves),
+                reported_overlap: told.seen_again(trust),
+                cautious_overlap: told.seen_again_at_least(trust, carves),
                 novelty: novelty(view, &state.scans),
                 known_m2: area.known,
-                expected_m2: area.expected,
+                expected_m2: area.expected + backs,
                 pixels: [seen.hidden, seen.expected, seen.known, seen.known_behind, seen.covered].map(|n| n / all),
             })
         };
@@ -266,7 +281,7 @@ impl VolumetricPlanner {
             None => candidates.par_iter().filter_map(look).collect(),
         };
         (self.grid, self.leaps) = (Some(grid), Some(leaps));
-        Forecasts { views, surface }
+        Forecasts { views, surface: Surface { known_m2, expected_m2: membrane_m2 } }
     }
 
     /// The views by BENBV's score of their forecasts, best first.

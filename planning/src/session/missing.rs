@@ -72,8 +72,8 @@ impl Session {
     /// What is said of it.
     fn too_little(open: f64, missing: &Missing) -> String {
         format!(
-            "at least {:.0} % of the surface is missing, since what the scan shows does not close, and the planner makes out {:.0} % at most \
-             (a thin part seen on its edge?): gains are not predicted from this scan alone; take another",
+            "at least {:.0} % of the surface is missing, since what the scan shows does not close, and the planner makes out {:.0} % at most: \
+             gains are not predicted from this scan alone; take another",
             100.0 * open,
             100.0 * (missing.between[1] + missing.out_of_reach_share)
         )

@@ -15,7 +15,7 @@ const LEFT: f32 = 0.5;
 pub(super) fn beliefs(marcher: &Marcher, state: &ScanState) -> Vec<f32> {
     let grid = marcher.grid();
     let of = |k: usize| {
-        let spot = Spot::of(grid, k);
+        let spot = Spot::of(grid, &grid.expected[k], false);
         let looked = state.scans.iter().filter(|scan| spot.was_in_sight(marcher, scan)).count();
         LEFT.powi(looked.saturating_sub(1) as i32)
     };

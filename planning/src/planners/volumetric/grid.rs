@@ -44,9 +44,11 @@ pub(super) struct VoxelGrid {
     pub(super) surface: Vec<SurfaceVoxel>,
     /// Where the membrane passes.
     pub(super) expected: Vec<ExpectedVoxel>,
+    /// Surface voxels that hold the back of what was measured in them too ([`super::backs`]).
+    pub(super) backs: Vec<ExpectedVoxel>,
 }
 
-/// A voxel through which the membrane passes: solid, beside empty space.
+/// A voxel through which the membrane passes: solid, beside empty space. Also a voxel of the surface that holds its back.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ExpectedVoxel {
     pub(super) index: u32,
@@ -79,6 +81,8 @@ pub(super) struct SurfaceVoxel {
     pub(super) normal: [f32; 3],
     /// Share of the surface in it that the cloud covers within the tolerance.
     pub(super) covered: f32,
+    /// Whether normals of the cloud's points in it oppose that: both sides of a thin part were measured.
+    pub(super) both_sides: bool,
 }
 
 /// The middle of the first voxel in the frame of a camera, and the steps to the next along each axis, metres.
@@ -105,6 +109,7 @@ impl VoxelGrid {
             unknown: Vec::with_capacity(inner.pow(3)),
             surface: Vec::new(),
             expected: Vec::new(),
+            backs: Vec::new(),
         };
         for z in 1..=inner {
             for y in 1..=inner {
@@ -121,7 +126,7 @@ impl VoxelGrid {
         9 * self.code.len()
             + 4 * self.unknown.capacity()
             + size_of::<SurfaceVoxel>() * self.surface.capacity()
-            + size_of::<ExpectedVoxel>() * self.expected.capacity()
+            + size_of::<ExpectedVoxel>() * (self.expected.capacity() + self.backs.capacity())
     }
 
     /// A point in voxel coordinates: voxel (x, y, z) reaches from there to one more.
@@ -171,9 +176,9 @@ impl VoxelGrid {
         self.surface.get(self.slot[index] as usize)
     }
 
-    /// Area of the membrane, square metres.
-    pub(super) fn expected_area(&self) -> f64 {
-        self.voxel * self.voxel * self.expected.iter().map(ExpectedVoxel::area).sum::<f64>()
+    /// Area of the membrane, or of backs, square metres.
+    pub(super) fn area_of(&self, expected: &[ExpectedVoxel]) -> f64 {
+        self.voxel * self.voxel * expected.iter().map(ExpectedVoxel::area).sum::<f64>()
     }
 
     /// Takes in what a scan saw: free space along its rays, surface at their ends. `misses` is what pixels without a return
@@ -215,7 +220,7 @@ impl VoxelGrid {
             self.code[i] = SURFACE;
             self.membrane.set(i, 0.5);
             self.slot[i] = self.surface.len() as u32;
-            self.surface.push(SurfaceVoxel { index: i as u32, normal: [0.0; 3], covered: 1.0 });
+            self.surface.push(SurfaceVoxel { index: i as u32, normal: [0.0; 3], covered: 1.0, both_sides: false });
         }
     }
 
@@ -296,6 +301,7 @@ impl VoxelGrid {
     pub(super) fn set_cloud(&mut self, cloud: &PointCloud) {
         for s in &mut self.surface {
             s.normal = [0.0; 3];
+            s.both_sides = false;
         }
         for &i in &self.unknown {
             self.code[i as usize] = HOLLOW;
@@ -309,6 +315,10 @@ impl VoxelGrid {
         }
         for (p, n) in cloud.points.iter().zip(normals()) {
             let Some(n) = n else { continue };
+            if let Some(own) = self.index(p).map(|i| self.slot[i] as usize) {
+                let sum = Vector3::from(self.surface[own].normal).cast::<f64>();
+                self.surface[own].both_sides |= n.dot(&sum) < 0.0;
+            }
             if let Some(i) = self.index(&(p - n * (1.5 * self.voxel)))
                 && self.code[i] == HOLLOW
             {

@@ -1,13 +1,14 @@
 //! What is missing: the membrane in connected pieces, why no scan has measured each, and whether a view that may be taken
 //! sees it.
 
-use super::grid::VoxelGrid;
+use super::grid::{ExpectedVoxel, VoxelGrid};
 use super::march::{Hit, Marcher};
 use super::predict::COARSE;
 use super::{Surface, VolumetricPlanner};
 use crate::{PastScan, ScanState, Seen};
 use geometry::{PinholeCamera, View};
 use nalgebra::{Isometry3, Point3, Vector3};
+use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 
 /// Voxels of the membrane that are looked at, about, and of a hole at least and at most.
@@ -84,11 +85,7 @@ pub type ExpectedPoint = (Point3<f64>, Vector3<f64>);
 impl VolumetricPlanner {
     /// The expected surface as it was at the last decision: a point to a voxel.
     pub fn expected_surface(&self) -> Vec<ExpectedPoint> {
-        let point = |grid: &VoxelGrid, k: usize| {
-            let Spot { point, normal, .. } = Spot::of(grid, k);
-            (point, normal)
-        };
-        self.grid.iter().flat_map(|grid| (0..grid.expected.len()).map(move |k| point(grid, k))).collect()
+        self.grid.iter().flat_map(Spot::all).map(|Spot { point, normal, .. }| (point, normal)).collect()
     }
 
     /// Which parts of the expected surface a camera sees from each of these poses, as places in the list of their areas: the whole, and as
@@ -98,7 +95,7 @@ impl VolumetricPlanner {
             return (vec![Vec::new(); poses.len()], Vec::new());
         };
         let marcher = Marcher::new(grid, leaps, &state.sensor);
-        let spots: Vec<Spot> = (0..grid.expected.len()).map(|k| Spot::of(grid, k)).collect();
+        let spots: Vec<Spot> = Spot::all(grid).collect();
         let seen = |pose: &Isometry3<f64>| {
             (0..spots.len() as u32).filter(|&k| spots[k as usize].is_seen(&marcher, &state.camera, pose)).collect()
         };
@@ -109,25 +106,32 @@ impl VolumetricPlanner {
     pub fn holes(&self, state: &ScanState, allowed: &Allowed) -> Vec<Hole> {
         let (Some(grid), Some(leaps)) = (&self.grid, &self.leaps) else { return Vec::new() };
         let total = (self.surface.known_m2 + self.surface.expected_m2).max(f64::MIN_POSITIVE);
-        let voxel = grid.voxel * grid.voxel;
-        let area = |piece: &Vec<usize>| voxel * piece.iter().map(|&k| grid.expected[k].area()).sum::<f64>();
-        let mut pieces = pieces(grid);
-        pieces.retain(|piece| area(piece) >= LISTED * total);
+        let spots: Vec<Spot> = Spot::all(grid).collect();
+        let mut pieces = pieces(grid, &spots);
+        pieces.retain(|piece| piece.iter().map(|spot| spot.area).sum::<f64>() >= LISTED * total);
         if pieces.is_empty() {
             return Vec::new();
         }
         let marcher = Marcher::new(grid, leaps, &state.sensor);
-        let describe = |piece: &Vec<usize>| describe(&marcher, state, allowed, piece, self.surface);
+        let describe = |piece: &Vec<&Spot>| describe(&marcher, state, allowed, piece, self.surface);
         let mut holes: Vec<Hole> = pieces.iter().map(describe).collect();
         holes.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
         holes
     }
 }
 
-/// The voxels of the membrane, as places in `expected`, in pieces that touch.
-fn pieces(grid: &VoxelGrid) -> Vec<Vec<usize>> {
+/// What is expected, in pieces whose voxels touch.
+fn pieces<'a>(grid: &VoxelGrid, spots: &'a [Spot]) -> Vec<Vec<&'a Spot>> {
     let s = grid.side;
-    let mut taken = vec![false; grid.expected.len()];
+    let first_back = grid.expected.len();
+    let backs: FxHashMap<usize, usize> =
+        (first_back..).zip(&grid.backs).map(|(k, back)| (back.index as usize, k)).collect();
+    let place = |voxel: usize| {
+        let k = grid.slot[voxel] as usize;
+        let passed = grid.expected.get(k).is_some_and(|e| e.index as usize == voxel);
+        if passed { Some(k) } else { backs.get(&voxel).copied() }
+    };
+    let mut taken = vec![false; spots.len()];
     let mut pieces = Vec::new();
     for start in 0..taken.len() {
         if std::mem::replace(&mut taken[start], true) {
@@ -137,33 +141,30 @@ fn pieces(grid: &VoxelGrid) -> Vec<Vec<usize>> {
         let mut next = 0;
         while let Some(&at) = piece.get(next) {
             next += 1;
-            let low = grid.expected[at].index as usize - (s * s + s + 1);
+            let low = spots[at].voxel as usize - (s * s + s + 1);
             for j in 0..27 {
-                let around = low + j % 3 + (j / 3 % 3) * s + (j / 9) * s * s;
-                let k = grid.slot[around] as usize;
-                let touches = grid.expected.get(k).is_some_and(|e| e.index as usize == around);
-                if touches && !std::mem::replace(&mut taken[k], true) {
+                if let Some(k) = place(low + j % 3 + (j / 3 % 3) * s + (j / 9) * s * s)
+                    && !std::mem::replace(&mut taken[k], true)
+                {
                     piece.push(k);
                 }
             }
         }
         piece.sort_unstable();
-        pieces.push(piece);
+        pieces.push(piece.into_iter().map(|k| &spots[k]).collect());
     }
     pieces
 }
 
-fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[usize], whole: Surface) -> Hole {
-    let grid = marcher.grid();
-    let voxels: Vec<Spot> = piece.iter().map(|&k| Spot::of(grid, k)).collect();
+fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, voxels: &[&Spot], whole: Surface) -> Hole {
     let area: f64 = voxels.iter().map(|v| v.area).sum();
     let mean = voxels.iter().map(|v| v.point.coords * v.area).sum::<Vector3<f64>>() / area;
-    let from_mean = |v: &&Spot| (v.point.coords - mean).norm_squared();
+    let from_mean = |v: &&&Spot| (v.point.coords - mean).norm_squared();
     let center = voxels.iter().min_by(|a, b| from_mean(a).total_cmp(&from_mean(b))).map_or(mean.into(), |v| v.point);
     let normal = voxels.iter().map(|v| v.normal * v.area).sum::<Vector3<f64>>().try_normalize(1e-3 * area);
     let farthest = voxels.iter().map(|v| (v.point - center).norm()).fold(0.0, f64::max);
     let looked_at = (SAMPLES * area / whole.expected_m2).clamp(OF_A_HOLE[0], OF_A_HOLE[1]) as usize;
-    let samples: Vec<&Spot> = voxels.iter().step_by(voxels.len().div_ceil(looked_at)).collect();
+    let samples: Vec<&Spot> = voxels.iter().copied().step_by(voxels.len().div_ceil(looked_at)).collect();
     let mut reached = vec![0.0; samples.len()];
     let mut best: Option<(usize, f64)> = None;
     for (rank, pose) in allowed.candidates {
@@ -194,7 +195,7 @@ fn describe(marcher: &Marcher, state: &ScanState, allowed: &Allowed, piece: &[us
     Hole {
         center_m: center.coords.into(),
         normal: normal.unwrap_or_default().into(),
-        size_m: 2.0 * farthest + grid.voxel,
+        size_m: 2.0 * farthest + marcher.grid().voxel,
         area_m2: area,
         share: area / (whole.known_m2 + whole.expected_m2),
         unseen: why(marcher, &samples, state),
@@ -212,61 +213,82 @@ fn why(marcher: &Marcher, samples: &[&Spot], state: &ScanState) -> Unseen {
     reasons.into_iter().max_by_key(count).unwrap_or(Unseen::OutsideImage)
 }
 
-/// A voxel of the membrane.
+/// A voxel of the membrane, or of the surface that holds its own back.
 pub(super) struct Spot {
-    point: Point3<f64>,
-    normal: Vector3<f64>,
+    voxel: u32,
+    is_back: bool,
+    pub(super) point: Point3<f64>,
+    pub(super) normal: Vector3<f64>,
     /// Square metres.
     area: f64,
     belief: f64,
 }
 
 impl Spot {
-    pub(super) fn of(grid: &VoxelGrid, k: usize) -> Self {
-        let voxel = &grid.expected[k];
-        let normal = Vector3::from(voxel.normal).cast();
-        let (area, belief) = (voxel.area() * grid.voxel.powi(2), f64::from(voxel.belief));
-        Self { point: grid.middle(voxel.index), normal, area, belief }
+    /// Those of the membrane, then the backs.
+    pub(super) fn all(grid: &VoxelGrid) -> impl Iterator<Item = Self> {
+        grid.expected.iter().map(|e| Self::of(grid, e, false)).chain(grid.backs.iter().map(|e| Self::of(grid, e, true)))
     }
 
-    /// What a ray from `eye` meets, and how far the eye is, voxels.
-    fn looked_at<'a>(&self, marcher: &'a Marcher, eye: &Point3<f64>) -> (Hit<'a>, f32) {
+    pub(super) fn of(grid: &VoxelGrid, expected: &ExpectedVoxel, is_back: bool) -> Self {
+        let normal = Vector3::from(expected.normal).cast();
+        let (area, belief) = (expected.area() * grid.voxel.powi(2), f64::from(expected.belief));
+        Self { voxel: expected.index, is_back, point: grid.middle(expected.index), normal, area, belief }
+    }
+
+    /// What a ray from `eye` meets up to so many voxels beyond it, and how far the eye is, voxels.
+    fn looked_at<'a>(&self, marcher: &'a Marcher, eye: &Point3<f64>, beyond: f32) -> (Hit<'a>, f32) {
         let grid = marcher.grid();
         let [from, to] = [eye, &self.point].map(|p| Vector3::from(grid.local(p)));
         let distance = (to - from).norm();
         // No farther back than the grid reaches.
         let near = (distance - 2.0 * grid.side as f32).max(0.0);
         let ray = (to - from) / distance.max(f32::MIN_POSITIVE);
-        let [hit] = marcher.follow(&from.into(), &[ray.into()], near, distance + NEAR);
+        let [hit] = marcher.follow(&from.into(), &[ray.into()], near, distance + beyond);
         (hit, distance)
     }
 
     fn is_in_sight(&self, marcher: &Marcher, eye: &Point3<f64>) -> bool {
-        let (hit, distance) = self.looked_at(marcher, eye);
+        if self.is_back {
+            // Surface does not stop a ray from behind: enough that nothing does before.
+            let before = || self.looked_at(marcher, eye, -NEAR).0;
+            return self.cosine(eye) > EDGE_ON && matches!(before(), Hit::Nothing { .. });
+        }
+        let (hit, distance) = self.looked_at(marcher, eye, NEAR);
         matches!(hit, Hit::Expected { at, .. } if (at - distance).abs() <= NEAR)
     }
 
-    /// Which part of it a view from `eye` that sees it is expected to measure: as in a forecast, less where it would be seen edge-on.
-    fn part_from(&self, eye: &Point3<f64>) -> f64 {
+    /// Cosine of the angle at which a ray from `eye` meets it; 1 where its normal is not made out.
+    fn cosine(&self, eye: &Point3<f64>) -> f64 {
         let ray = eye - self.point;
         match self.normal.try_normalize(1e-9) {
-            Some(normal) => (normal.dot(&ray) / (ray.norm() * f64::from(COARSE))).clamp(0.0, 1.0),
+            Some(normal) => normal.dot(&ray) / ray.norm().max(f64::MIN_POSITIVE),
             None => 1.0,
         }
     }
 
-    /// Whether it is in sight of `eye`, near enough and not too flat for the sensor.
-    fn is_measured(&self, marcher: &Marcher, eye: &Point3<f64>) -> bool {
-        let ray = eye - self.point;
-        let cosine = match self.normal.try_normalize(1e-9) {
-            Some(normal) => normal.dot(&ray) / ray.norm().max(f64::MIN_POSITIVE),
-            None => 1.0,
-        };
-        let distance = ray.norm() / marcher.grid().voxel;
-        marcher.measures(distance as f32, cosine.max(0.0) as f32) && self.is_in_sight(marcher, eye)
+    /// The solid angle under which it is seen from `eye`, steradians.
+    pub(super) fn angle(&self, eye: &Point3<f64>) -> f64 {
+        self.area * self.cosine(eye).max(0.0) / (eye - self.point).norm_squared().max(f64::MIN_POSITIVE)
     }
 
-    fn is_seen(&self, marcher: &Marcher, camera: &PinholeCamera, pose: &Isometry3<f64>) -> bool {
+    /// What a view from `eye` that sees it is expected to measure of it, square metres.
+    pub(super) fn measured_area(&self, eye: &Point3<f64>) -> f64 {
+        self.area * self.part_from(eye)
+    }
+
+    /// Which part of it a view from `eye` that sees it is expected to measure: as in a forecast, less where it would be seen edge-on.
+    fn part_from(&self, eye: &Point3<f64>) -> f64 {
+        (self.cosine(eye) / f64::from(COARSE)).clamp(0.0, 1.0)
+    }
+
+    /// Whether it is in sight of `eye`, near enough and not too flat for the sensor.
+    fn is_measured(&self, marcher: &Marcher, eye: &Point3<f64>) -> bool {
+        let distance = (eye - self.point).norm() / marcher.grid().voxel;
+        marcher.measures(distance as f32, self.cosine(eye).max(0.0) as f32) && self.is_in_sight(marcher, eye)
+    }
+
+    pub(super) fn is_seen(&self, marcher: &Marcher, camera: &PinholeCamera, pose: &Isometry3<f64>) -> bool {
         in_image(camera, pose, &self.point) && self.is_measured(marcher, &Point3::from(pose.translation.vector))
     }
 

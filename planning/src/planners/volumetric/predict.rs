@@ -129,6 +129,11 @@ pub(super) fn covered_share(pitch: f32, cosine: f32, tolerance: f32) -> f32 {
 const UNTOLD: f64 = 0.1;
 
 impl Forecast {
+    /// The same with so many pixels more that show surface which is expected.
+    pub(super) fn with_expected(self, pixels: f64) -> Self {
+        Self { hidden: self.hidden + pixels, expected: self.expected + pixels, ..self }
+    }
+
     /// Share of the scan that is expected to lie within the tolerance of the cloud; `None` where nothing is expected to be
     /// seen. `trust` is that of the voxels.
     pub(super) fn overlap(&self, trust: f64) -> Option<f64> {

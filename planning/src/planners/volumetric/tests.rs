@@ -4,6 +4,7 @@ use super::*;
 use crate::{NoReturn, Seen, SensorConfig};
 use geometry::{DepthImage, NeighborGrid, PointCloud, View, rng};
 
+mod backs;
 mod belief;
 mod outlines_and_areas;
 
