@@ -1,4 +1,6 @@
 use super::*;
+use crate::CameraPose;
+use crate::estimate::Trust;
 
 /// Half the sides of a steel plate of 100 x 100 x 1.5 mm: less than half a voxel thick.
 const PLATE: [f64; 3] = [0.05, 0.05, 0.00075];
@@ -97,4 +99,16 @@ fn what_is_mostly_backs_is_looked_at_from_behind_next() {
     assert!(first.gain.expect("a gain") > 0.4, "{first:?}");
     // Of its front that view sees nothing, and of its edges little.
     assert!(first.overlap.expect("an overlap") < 0.1, "{first:?}");
+}
+
+#[test]
+fn where_cameras_are_estimated_nothing_is_said_of_backs() {
+    let mut state = scanned(&[FRONT, EDGE]);
+    let trust = Trust { misfit: 0.1, against_other_side: 0.5 };
+    for scan in &mut state.scans {
+        Arc::make_mut(scan).pose = CameraPose::Estimated(trust);
+    }
+    let mut planner = VolumetricPlanner::default();
+    planner.forecast(&state, &mut rng::stream(1, "plate"));
+    assert!(planner.grid.expect("a grid").backs.is_empty());
 }
