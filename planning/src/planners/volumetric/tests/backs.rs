@@ -83,6 +83,17 @@ fn a_back_that_was_looked_at_is_missing_no_more() {
 }
 
 #[test]
+fn a_back_whose_points_thinning_left_out_is_missing_no_more() {
+    let mut state = scanned(&[FRONT, EDGE, BACK]);
+    // Nearer to points of the front than the radius that thins.
+    state.cloud = scanned(&[FRONT, EDGE]).cloud;
+    let mut planner = VolumetricPlanner::default();
+    planner.forecast(&state, &mut rng::stream(1, "plate"));
+    let missing = 1.0 - planner.surface().covered();
+    assert!(missing < 0.05, "{missing}");
+}
+
+#[test]
 fn what_is_thicker_than_its_voxels_has_no_back_in_its_front() {
     let mut planner = VolumetricPlanner::default();
     planner.forecast(&ball(NoReturn::Free), &mut rng::stream(1, "ball"));
