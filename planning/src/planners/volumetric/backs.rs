@@ -8,8 +8,9 @@ use crate::{CameraPose, ScanState};
 use geometry::{PinholeCamera, View};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// How far behind the middle of a front's voxel space must be free, voxels.
-const BEHIND: [f64; 2] = [1.0, 1.5];
+/// Where space must be free, voxels behind the middle of a front's (before it where less than 0). Rays that graze bumps, or pass beside points that
+/// lie off their places, leave free space inside of what is thick as well: not as deep. Normals that point inwards have none before them.
+const FREE_AT: [f64; 7] = [-1.5, -1.0, 1.0, 1.5, 2.0, 2.5, 3.0];
 /// Views at backs, about, and backs that a view is asked about at most.
 const CANDIDATES: usize = 16;
 const RAYS: usize = 1_000;
@@ -41,7 +42,7 @@ fn behind(grid: &VoxelGrid, front: &SurfaceVoxel, state: &ScanState) -> Option<E
         let above = state.support.as_ref().is_none_or(|plane| plane.height(&at) > grid.voxel);
         above && grid.index(&at).is_some_and(|i| i == front.index as usize || grid.code[i] == FREE)
     };
-    BEHIND.iter().all(free).then(|| ExpectedVoxel::new(front.index, front.normal.map(|x| -x)))
+    FREE_AT.iter().all(free).then(|| ExpectedVoxel::new(front.index, front.normal.map(|x| -x)))
 }
 
 /// Views at some of the backs from straight behind.

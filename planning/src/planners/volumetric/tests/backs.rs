@@ -100,6 +100,61 @@ fn what_is_thicker_than_its_voxels_has_no_back_in_its_front() {
     assert!(planner.grid.expect("a grid").backs.is_empty());
 }
 
+/// A ball of 10 cm with bumps of 1 cm, each scan of which holds points that its bumps hide, as noise or poses that are off make them: rays to them
+/// pass through the bumps, and normals turned to the camera point inwards.
+fn bumpy(eyes: &[[f64; 3]]) -> ScanState {
+    let mut state = ball(NoReturn::Free);
+    (state.scans, state.num_scans, state.cloud) = (Vec::new(), eyes.len(), PointCloud::default());
+    let radius = |n: &Vector3<f64>| 0.1 + 0.01 * (8.0 * n.x).sin() * (6.0 * n.y).cos();
+    let at = |n: Vector3<f64>| Point3::from(n * radius(&n));
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    for eye in eyes.iter().copied().map(Point3::from) {
+        let mut seen = Vec::new();
+        for i in 0..40_000 {
+            let z = 1.0 - (f64::from(i) + 0.5) / 20_000.0;
+            let (sin, cos) = (golden * f64::from(i)).sin_cos();
+            let n = Vector3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
+            let p = at(n);
+            if n.dot(&(eye - p)) < 0.02 {
+                continue;
+            }
+            let across = n.cross(&Vector3::x()).normalize();
+            let [u, v] = [across, n.cross(&across)].map(|t| at((n + 1e-4 * t).normalize()) - p);
+            let normal = u.cross(&v).normalize();
+            seen.push(p);
+            state.cloud.points.push(p);
+            state.cloud.normals.push(normal * normal.dot(&(eye - p)).signum());
+        }
+        let pose = View { target: Point3::origin(), position: eye }.world_from_camera();
+        let scan = PastScan { world_from_camera: pose, seen: Seen::Points(seen), pose: Default::default() };
+        state.scans.push(Arc::new(scan));
+    }
+    state
+}
+
+#[test]
+fn rays_through_bumps_make_a_ball_no_thin_part() {
+    let mut planner = VolumetricPlanner::default();
+    let eyes = [[0.0, -0.5, 0.3], [0.5, 0.4, 0.2], [-0.5, 0.0, 0.0], [-0.1, 0.6, -0.2], [0.3, -0.5, -0.4]];
+    planner.forecast(&bumpy(&eyes), &mut rng::stream(1, "ball"));
+    let grid = planner.grid.expect("a grid");
+    let share = grid.backs.len() as f64 / grid.surface.len() as f64;
+    assert!(share < 0.01, "{} of {}", grid.backs.len(), grid.surface.len());
+}
+
+#[test]
+fn normals_that_point_inwards_at_the_rim_make_no_backs() {
+    let mut state = ball(NoReturn::Free);
+    let eye = state.scans[0].world_from_camera.translation.vector;
+    let PointCloud { points, normals } = &mut state.cloud;
+    for (p, n) in points.iter().zip(normals).filter(|(p, n)| n.dot(&(eye - p.coords).normalize()) < 0.2) {
+        *n = -p.coords.normalize();
+    }
+    let mut planner = VolumetricPlanner::default();
+    planner.forecast(&state, &mut rng::stream(1, "ball"));
+    assert!(planner.grid.expect("a grid").backs.is_empty());
+}
+
 #[test]
 fn what_is_mostly_backs_is_looked_at_from_behind_next() {
     let mut state = scanned(&[FRONT, EDGE]);
