@@ -3,6 +3,7 @@
 //! its depth image holds. Per cell: the gain told of the first choice over the true one (median over the objects, and the
 //! share within 0.67 to 1.5), the rank correlation of both over the candidates, the overlap told and true, the largest
 //! score. At the end the surface that was told to be missing, and what was. With `--stop-below` instead: when a run ends by it.
+//! Meshes that are no closed surface are left out.
 //!
 //! ```text
 //! cargo run --release -p datagen --example gain_matrix -- [--root DIR] [--objects 8] [--scans 1] [--stop-below 0.02]
@@ -15,8 +16,8 @@ use datagen::{EpisodeConfig, RenderConfig, RenderScratch, Scene};
 use geometry::rank_correlation::rank_correlation;
 use geometry::rng::stream;
 use geometry::sampling::sample_surface;
-use geometry::{PinholeCamera, PointCloud, View};
-use nalgebra::Point3;
+use geometry::{Mesh, PinholeCamera, PointCloud, View};
+use nalgebra::{Point3, Vector3};
 use parry3d::shape::TriMesh;
 use planning::config::CameraConfig;
 use planning::{NoReturn, Scan, Session, SessionConfig};
@@ -82,6 +83,18 @@ struct Outcome {
     missing: Told,
 }
 
+/// A mesh that lacks more than this is no object: what scans expect on its other side is not there to be seen.
+const OPEN: f64 = 0.1;
+
+/// The least area that would close a mesh, as a share of its own: the area vectors of a closed surface sum to zero.
+fn open_share(mesh: &Mesh) -> f64 {
+    let vector = |t: &[u32; 3]| {
+        let [a, b, c] = mesh.corners(*t);
+        0.5 * (b - a).cross(&(c - a))
+    };
+    mesh.triangles.iter().map(vector).sum::<Vector3<f64>>().norm() / mesh.area()
+}
+
 /// The missing share as told, between which, and in truth.
 type Told = (f64, [f64; 2], f64);
 
@@ -92,6 +105,15 @@ fn main() -> Result<()> {
     let mut objects = Vec::new();
     for object in list_objects(&config, 0, 0.0)? {
         let mesh = load_mesh(&object)?.normalized(0.2);
+        let open = open_share(&mesh);
+        if open > OPEN {
+            eprintln!(
+                "{} is left out: the sides that its mesh lacks are {:.0} % of its area",
+                object.name,
+                100.0 * open
+            );
+            continue;
+        }
         let samples = sample_surface(&mesh, 10_000, &mut stream(1, &object.name));
         objects.push(Object { surface: surface(&mesh), scene: Scene::new(mesh), samples, name: object.name });
     }
