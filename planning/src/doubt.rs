@@ -10,7 +10,7 @@ const FARTHEST: f64 = 100.0;
 /// Share of the points that must be seen from the camera: 95 % of simulated scans are over 0.81.
 const SEEN: f64 = 0.6;
 /// The density of points speaks clearly for one side of the surface with at most this misfit and this ratio to the other:
-/// one of 200 is wrong ([`crate::estimate`]).
+/// one of 200 is wrong ([`crate::estimate`]). The edges must not speak for the other.
 const CLEAR: [f64; 2] = [0.08, 0.5];
 /// Points that have a density to tell.
 const LEAST: usize = 300;
@@ -71,8 +71,8 @@ pub fn of_position(
         return None;
     }
     let outward = away.normalize();
-    let told = direction_by_density(cloud, measured, &outward, away.norm(), spacing, ASKED)?;
-    let clear = told.trust.misfit < CLEAR[0] && told.trust.against_other_side < CLEAR[1];
+    let told = direction_by_density(cloud, measured, away.norm(), spacing, ASKED)?;
+    let clear = told.trust.misfit < CLEAR[0] && told.by_density < CLEAR[1];
     (clear && told.direction.dot(&outward) < 0.0).then_some(PositionDoubt::Behind)
 }
 

@@ -1,12 +1,14 @@
 //! Where a cloud was scanned from, estimated from the cloud itself: a surface shows its front to the camera, and from there no
 //! part of it hides another.
 
+mod rim;
 mod trust;
 
 use crate::{CameraPose, PastScan, Seen};
 use geometry::{NeighborGrid, PointCloud, View, orient_normals_toward};
 use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
+use rim::{EdgePoint, turning_away};
 use rustc_hash::FxHashMap;
 
 pub use trust::Trust;
@@ -25,8 +27,8 @@ const REACH: f64 = 3.2;
 const EDGE: f64 = 0.2;
 /// Share of the points that the fit leaves aside as disturbed, twice.
 const TRIMMED: f64 = 0.2;
-/// One side of the surface tells its density better than the other by this factor, or the orientation of normals decides.
-const CLEAR: f64 = 0.97;
+/// How much more the edges say of the side than the density does, which of two sides it is told better from.
+const EDGES: f64 = 2.0;
 /// Directions that are tried for the cameras of a merged cloud.
 const DIRECTIONS: usize = 200;
 /// Cosine between normal and direction under which a point does not count as seen.
@@ -44,14 +46,16 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
     let middle = middle(&cloud.points);
     let sum: Vector3<f64> = cloud.normals.iter().filter_map(|n| n.try_normalize(0.0)).sum();
     let Some(mean) = sum.try_normalize(1e-9) else { return Vec::new() };
-    let told = direction_by_density(cloud, measured, &mean, distance, spacing, usize::MAX);
+    let told = direction_by_density(cloud, measured, distance, spacing, usize::MAX);
     let trust = told.as_ref().map_or(Trust { misfit: 1.0, against_other_side: 1.0 }, |fit| fit.trust);
     let told = told.filter(|fit| fit.trust.misfit < MISFIT).map(|fit| middle + distance * fit.direction);
-    // Evened out before, it has no density to tell by: then its normals do.
+    // Evened out before, it has no density to tell by: then its normals do, and its edges.
     let eye = told.filter(|eye| unhidden(cloud, eye, spacing) >= UNHIDDEN).or_else(|| {
         let eye = middle + distance * mean;
         let facing = cloud.points.iter().zip(&cloud.normals).filter(|(p, n)| n.dot(&(eye - *p)) > 0.0).count();
-        (facing as f64 >= FACING * cloud.len() as f64).then_some(eye)
+        let from_behind = || turning_away(&sampled(cloud, measured, spacing, usize::MAX).1, &mean) < 0.0;
+        let is_one = facing as f64 >= FACING * cloud.len() as f64;
+        is_one.then(|| if from_behind() { middle - distance * mean } else { eye })
     });
     if let Some(eye) = eye {
         orient_normals_toward(cloud, &eye);
@@ -62,50 +66,64 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
 
 /// The direction to the camera by how densely it sampled the surface: pixels lie as far apart as the cosine between normal
 /// and ray says, so that density / f^2 * z^2 = |n . d|. Solved for d by least squares over all points but those at an edge:
-/// squared first, where the sign of normals does not matter, then with all of them turned to the camera. `outward` says
-/// from which side. At most `asked` points are, about evenly spaced in their order.
+/// squared first, where the sign of normals does not matter, then with all of them turned to the camera. From which side, the density tells, and
+/// the edges. At most `asked` points are asked, about evenly spaced in their order.
 pub(crate) fn direction_by_density(
     cloud: &PointCloud,
     measured: &[Point3<f64>],
-    outward: &Vector3<f64>,
     distance: f64,
     spacing: f64,
     asked: usize,
 ) -> Option<Told> {
-    let share = (cloud.len() as f64 / measured.len().max(1) as f64).sqrt().min(1.0);
-    let radius = REACH * spacing * share.max(0.25);
-    let grid = NeighborGrid::new(measured, radius);
-    let density = |p: &Point3<f64>| {
-        let (mut count, mut offset) = (0usize, Vector3::zeros());
-        grid.for_each_within(p, radius, |i| {
-            count += 1;
-            offset += measured[i] - p;
-        });
-        (count >= 6 && offset.norm() < EDGE * radius * count as f64).then_some(count as f64)
-    };
-    let found: Vec<(&Point3<f64>, Vector3<f64>, f64)> = cloud
-        .points
-        .par_iter()
-        .zip(&cloud.normals)
-        .step_by(cloud.len().div_ceil(asked).max(1))
-        .filter_map(|(p, n)| Some((p, n.try_normalize(0.0)?, density(p)?)))
-        .collect();
+    let (found, edges) = sampled(cloud, measured, spacing, asked);
     let middle = middle(&cloud.points);
     let axis = squared_direction(found.iter().map(|(_, n, density)| (*n, *density)))?;
-    let fits = [axis, -axis].map(|start| fitted(&found, &middle, &start, distance));
-    let [a, b] = fits;
+    let [a, b] = [axis, -axis].map(|start| fitted(&found, &middle, &start, distance));
     let (a, b) = (a?, b?);
     let (better, worse) = if a.trimmed <= b.trimmed { (a, b) } else { (b, a) };
-    let against_other_side = better.trimmed / worse.trimmed.max(f64::MIN_POSITIVE);
-    let turned = against_other_side > CLEAR && worse.direction.dot(outward) > better.direction.dot(outward);
-    let taken = if turned { worse } else { better };
-    Some(Told { direction: taken.direction, trust: Trust { misfit: taken.misfit, against_other_side } })
+    let by_density = better.trimmed / worse.trimmed.max(f64::MIN_POSITIVE);
+    let evidence = EDGES * turning_away(&edges, &better.direction) - by_density.ln();
+    let (taken, by_density) = if evidence < 0.0 { (worse, by_density.recip()) } else { (better, by_density) };
+    let trust = Trust { misfit: taken.misfit, against_other_side: (-evidence.abs()).exp() };
+    Some(Told { direction: taken.direction, by_density, trust })
 }
 
 /// A camera's direction, estimated from the density.
 pub(crate) struct Told {
     pub(crate) direction: Vector3<f64>,
+    /// What it leaves unexplained of the density of undisturbed points, over what the best camera on the other side does.
+    pub(crate) by_density: f64,
     pub(crate) trust: Trust,
+}
+
+/// A point, its normal, and how many measured points are around it.
+type Sample<'a> = (&'a Point3<f64>, Vector3<f64>, f64);
+
+/// Points with the density around them, and those at an edge.
+fn sampled<'a>(
+    cloud: &'a PointCloud,
+    measured: &[Point3<f64>],
+    spacing: f64,
+    asked: usize,
+) -> (Vec<Sample<'a>>, Vec<EdgePoint>) {
+    let share = (cloud.len() as f64 / measured.len().max(1) as f64).sqrt().min(1.0);
+    let radius = REACH * spacing * share.max(0.25);
+    let grid = NeighborGrid::new(measured, radius);
+    let around = |p: &Point3<f64>| {
+        let (mut count, mut offset) = (0usize, Vector3::zeros());
+        grid.for_each_within(p, radius, |i| {
+            count += 1;
+            offset += measured[i] - p;
+        });
+        (count >= 6).then_some((count as f64, offset))
+    };
+    let points = cloud.points.par_iter().zip(&cloud.normals).step_by(cloud.len().div_ceil(asked).max(1));
+    let look = |(p, n): (&'a Point3<f64>, &Vector3<f64>)| Some((p, n.try_normalize(0.0)?, around(p)?));
+    let all: Vec<_> = points.filter_map(look).collect();
+    let is_edge = |(count, offset): &(f64, Vector3<f64>)| offset.norm() >= EDGE * radius * count;
+    let (edges, inner): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, _, around)| is_edge(around));
+    let edges = edges.into_iter().map(|(_, normal, (_, inward))| EdgePoint { normal, inward }).collect();
+    (inner.into_iter().map(|(p, n, (count, _))| (p, n, count)).collect(), edges)
 }
 
 /// A camera's direction, and the root of the share of density that it does not explain: of all points, and without the worst.
@@ -116,12 +134,7 @@ struct Fit {
 }
 
 /// The least-squares direction from a first one.
-fn fitted(
-    found: &[(&Point3<f64>, Vector3<f64>, f64)],
-    middle: &Point3<f64>,
-    start: &Vector3<f64>,
-    distance: f64,
-) -> Option<Fit> {
+fn fitted(found: &[Sample], middle: &Point3<f64>, start: &Vector3<f64>, distance: f64) -> Option<Fit> {
     let mut direction = *start;
     for _ in 0..3 {
         let eye = middle + distance * direction;
@@ -138,7 +151,7 @@ fn fitted(
         direction = solved.try_normalize(1e-12)?;
     }
     let eye = middle + distance * direction;
-    let told = |(p, n, density): &(&Point3<f64>, Vector3<f64>, f64)| {
+    let told = |(p, n, density): &Sample| {
         let ray = eye - *p;
         (n.dot(&ray).abs() / ray.norm().powi(3), *density)
     };

@@ -34,6 +34,30 @@ fn a_scan_tells_where_it_was_taken_from() {
 }
 
 #[test]
+fn where_the_density_says_nothing_of_the_side_the_edges_do() {
+    // As a scanner of parallel rays sees a dented ball: no part is denser for being nearer.
+    let height = |x: f64, y: f64| (0.01 - x * x - y * y).sqrt() - 0.03 * (-(x * x + y * y) / 0.0016).exp();
+    let lattice = (0..200).flat_map(|i| (0..200).map(move |j| [i, j].map(|k| 0.001 * (f64::from(k) - 99.5))));
+    let scanned: Vec<[f64; 2]> = lattice.filter(|[x, y]| x * x + y * y < 0.0098).collect();
+    let slope = |x: f64, y: f64| {
+        let h = 1e-6;
+        [height(x + h, y) - height(x - h, y), height(x, y + h) - height(x, y - h)].map(|d| d / (2.0 * h))
+    };
+    let points: Vec<Point3<f64>> = scanned.iter().map(|&[x, y]| Point3::new(x, y, height(x, y))).collect();
+    for up in [1.0, -1.0] {
+        let turned = |v: Vector3<f64>| v.component_mul(&Vector3::new(1.0, up, up));
+        let normals =
+            scanned.iter().map(|&[x, y]| turned(Vector3::new(-slope(x, y)[0], -slope(x, y)[1], 1.0).normalize()));
+        let cloud =
+            PointCloud { points: points.iter().map(|p| turned(p.coords).into()).collect(), normals: normals.collect() };
+        let told = direction_by_density(&cloud, &cloud.points, 1.2, 0.001, usize::MAX).expect("a direction");
+        assert!(told.direction.z * up > 0.95, "{:?}", told.direction);
+        assert!(told.trust.wrong_side() < 0.1, "{:?}, by density {}", told.trust, told.by_density);
+        assert!(told.by_density > 0.7, "{}", told.by_density);
+    }
+}
+
+#[test]
 fn a_merged_cloud_is_explained_by_cameras_around_it() {
     let (above, below) = (Vector3::z(), Vector3::new(0.3, 0.0, -1.0).normalize());
     let mut cloud = cap(&above);
