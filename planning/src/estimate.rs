@@ -46,14 +46,15 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
     let middle = middle(&cloud.points);
     let sum: Vector3<f64> = cloud.normals.iter().filter_map(|n| n.try_normalize(0.0)).sum();
     let Some(mean) = sum.try_normalize(1e-9) else { return Vec::new() };
-    let told = direction_by_density(cloud, measured, distance, spacing, usize::MAX);
+    let samples = Samples::of(cloud, measured, spacing, usize::MAX);
+    let told = samples.direction(distance);
     let trust = told.as_ref().map_or(Trust { misfit: 1.0, against_other_side: 1.0 }, |fit| fit.trust);
     let told = told.filter(|fit| fit.trust.misfit < MISFIT).map(|fit| middle + distance * fit.direction);
     // Evened out before, it has no density to tell by: then its normals do, and its edges.
     let eye = told.filter(|eye| unhidden(cloud, eye, spacing) >= UNHIDDEN).or_else(|| {
         let eye = middle + distance * mean;
         let facing = cloud.points.iter().zip(&cloud.normals).filter(|(p, n)| n.dot(&(eye - *p)) > 0.0).count();
-        let from_behind = || turning_away(&sampled(cloud, measured, spacing, usize::MAX).1, &mean) < 0.0;
+        let from_behind = || turning_away(&samples.edges, &mean) < 0.0;
         let is_one = facing as f64 >= FACING * cloud.len() as f64;
         is_one.then(|| if from_behind() { middle - distance * mean } else { eye })
     });
@@ -64,28 +65,62 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
     merged_scans(cloud, &middle, distance, spacing, trust)
 }
 
-/// The direction to the camera by how densely it sampled the surface: pixels lie as far apart as the cosine between normal
-/// and ray says, so that density / f^2 * z^2 = |n . d|. Solved for d by least squares over all points but those at an edge:
-/// squared first, where the sign of normals does not matter, then with all of them turned to the camera. From which side, the density tells, and
-/// the edges. At most `asked` points are asked, about evenly spaced in their order.
-pub(crate) fn direction_by_density(
-    cloud: &PointCloud,
-    measured: &[Point3<f64>],
-    distance: f64,
-    spacing: f64,
-    asked: usize,
-) -> Option<Told> {
-    let (found, edges) = sampled(cloud, measured, spacing, asked);
-    let middle = middle(&cloud.points);
-    let axis = squared_direction(found.iter().map(|(_, n, density)| (*n, *density)))?;
-    let [a, b] = [axis, -axis].map(|start| fitted(&found, &middle, &start, distance));
-    let (a, b) = (a?, b?);
-    let (better, worse) = if a.trimmed <= b.trimmed { (a, b) } else { (b, a) };
-    let by_density = better.trimmed / worse.trimmed.max(f64::MIN_POSITIVE);
-    let evidence = EDGES * turning_away(&edges, &better.direction) - by_density.ln();
-    let (taken, by_density) = if evidence < 0.0 { (worse, by_density.recip()) } else { (better, by_density) };
-    let trust = Trust { misfit: taken.misfit, against_other_side: (-evidence.abs()).exp() };
-    Some(Told { direction: taken.direction, by_density, trust })
+/// What a scan was sampled like: points with the density around them, and those at an edge.
+pub(crate) struct Samples<'a> {
+    inner: Vec<Sample<'a>>,
+    edges: Vec<EdgePoint>,
+    middle: Point3<f64>,
+}
+
+/// A point, its normal, and how many measured points are around it.
+type Sample<'a> = (&'a Point3<f64>, Vector3<f64>, f64);
+
+impl<'a> Samples<'a> {
+    /// At most `asked` points of the cloud, about evenly spaced in their order.
+    pub(crate) fn of(cloud: &'a PointCloud, measured: &[Point3<f64>], spacing: f64, asked: usize) -> Self {
+        let share = (cloud.len() as f64 / measured.len().max(1) as f64).sqrt().min(1.0);
+        let radius = REACH * spacing * share.max(0.25);
+        let grid = NeighborGrid::new(measured, radius);
+        let around = |p: &Point3<f64>| {
+            let (mut count, mut offset) = (0usize, Vector3::zeros());
+            grid.for_each_within(p, radius, |i| {
+                count += 1;
+                offset += measured[i] - p;
+            });
+            (count >= 6).then_some((count as f64, offset))
+        };
+        let points = cloud.points.par_iter().zip(&cloud.normals).step_by(cloud.len().div_ceil(asked).max(1));
+        let look = |(p, n): (&'a Point3<f64>, &Vector3<f64>)| Some((p, n.try_normalize(0.0)?, around(p)?));
+        let all: Vec<_> = points.filter_map(look).collect();
+        let is_edge = |(count, offset): &(f64, Vector3<f64>)| offset.norm() >= EDGE * radius * count;
+        let (edges, inner): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, _, around)| is_edge(around));
+        Self {
+            inner: inner.into_iter().map(|(p, n, (count, _))| (p, n, count)).collect(),
+            edges: edges.into_iter().map(|(_, normal, (_, inward))| EdgePoint { normal, inward }).collect(),
+            middle: middle(&cloud.points),
+        }
+    }
+
+    /// The direction to the camera by how densely it sampled the surface: pixels lie as far apart as the cosine between
+    /// normal and ray says, so that density / f^2 * z^2 = |n . d|. Solved for d by least squares over all points but those
+    /// at an edge: squared first, where the sign of normals does not matter, then with all of them turned to the camera.
+    /// From which side, the density tells, and the edges.
+    pub(crate) fn direction(&self, distance: f64) -> Option<Told> {
+        let axis = squared_direction(self.inner.iter().map(|(_, n, density)| (*n, *density)))?;
+        let [a, b] = [axis, -axis].map(|start| fitted(&self.inner, &self.middle, &start, distance));
+        let (a, b) = (a?, b?);
+        let (better, worse) = if a.trimmed <= b.trimmed { (a, b) } else { (b, a) };
+        let by_density = better.trimmed / worse.trimmed.max(f64::MIN_POSITIVE);
+        let evidence = EDGES * turning_away(&self.edges, &better.direction) - by_density.ln();
+        let (taken, by_density) = if evidence < 0.0 { (worse, by_density.recip()) } else { (better, by_density) };
+        let trust = Trust { misfit: taken.misfit, against_other_side: (-evidence.abs()).exp() };
+        Some(Told { direction: taken.direction, by_density, trust })
+    }
+
+    /// Root of the share of the density that a camera at `eye` does not explain, in [0, 1].
+    pub(crate) fn misfit_from(&self, eye: &Point3<f64>) -> f64 {
+        unexplained(&densities(&self.inner, eye))
+    }
 }
 
 /// A camera's direction, estimated from the density.
@@ -94,36 +129,6 @@ pub(crate) struct Told {
     /// What it leaves unexplained of the density of undisturbed points, over what the best camera on the other side does.
     pub(crate) by_density: f64,
     pub(crate) trust: Trust,
-}
-
-/// A point, its normal, and how many measured points are around it.
-type Sample<'a> = (&'a Point3<f64>, Vector3<f64>, f64);
-
-/// Points with the density around them, and those at an edge.
-fn sampled<'a>(
-    cloud: &'a PointCloud,
-    measured: &[Point3<f64>],
-    spacing: f64,
-    asked: usize,
-) -> (Vec<Sample<'a>>, Vec<EdgePoint>) {
-    let share = (cloud.len() as f64 / measured.len().max(1) as f64).sqrt().min(1.0);
-    let radius = REACH * spacing * share.max(0.25);
-    let grid = NeighborGrid::new(measured, radius);
-    let around = |p: &Point3<f64>| {
-        let (mut count, mut offset) = (0usize, Vector3::zeros());
-        grid.for_each_within(p, radius, |i| {
-            count += 1;
-            offset += measured[i] - p;
-        });
-        (count >= 6).then_some((count as f64, offset))
-    };
-    let points = cloud.points.par_iter().zip(&cloud.normals).step_by(cloud.len().div_ceil(asked).max(1));
-    let look = |(p, n): (&'a Point3<f64>, &Vector3<f64>)| Some((p, n.try_normalize(0.0)?, around(p)?));
-    let all: Vec<_> = points.filter_map(look).collect();
-    let is_edge = |(count, offset): &(f64, Vector3<f64>)| offset.norm() >= EDGE * radius * count;
-    let (edges, inner): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, _, around)| is_edge(around));
-    let edges = edges.into_iter().map(|(_, normal, (_, inward))| EdgePoint { normal, inward }).collect();
-    (inner.into_iter().map(|(p, n, (count, _))| (p, n, count)).collect(), edges)
 }
 
 /// A camera's direction, and the root of the share of density that it does not explain: of all points, and without the worst.
@@ -150,12 +155,7 @@ fn fitted(found: &[Sample], middle: &Point3<f64>, start: &Vector3<f64>, distance
         let solved = (normals + Matrix3::identity() * weight).try_inverse()? * (told + direction * (weight * scale));
         direction = solved.try_normalize(1e-12)?;
     }
-    let eye = middle + distance * direction;
-    let told = |(p, n, density): &Sample| {
-        let ray = eye - *p;
-        (n.dot(&ray).abs() / ray.norm().powi(3), *density)
-    };
-    let mut told: Vec<(f64, f64)> = found.iter().map(told).collect();
+    let mut told = densities(found, &(middle + distance * direction));
     let misfit = unexplained(&told);
     for _ in 0..2 {
         let scale = told.iter().map(|(c, d)| c * d).sum::<f64>() / told.iter().map(|(c, _)| c * c).sum::<f64>();
@@ -164,6 +164,15 @@ fn fitted(found: &[Sample], middle: &Point3<f64>, start: &Vector3<f64>, distance
         told.truncate((told.len() as f64 * (1.0 - TRIMMED)) as usize);
     }
     Some(Fit { direction, misfit, trimmed: unexplained(&told) })
+}
+
+/// The density that a camera at `eye` has at each, but for a factor, and the one found.
+fn densities(found: &[Sample], eye: &Point3<f64>) -> Vec<(f64, f64)> {
+    let told = |(p, n, density): &Sample| {
+        let ray = eye - *p;
+        (n.dot(&ray).abs() / ray.norm().powi(3), *density)
+    };
+    found.iter().map(told).collect()
 }
 
 /// Root of the share of the second numbers' squares that no multiple of the first explains.

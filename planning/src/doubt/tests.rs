@@ -33,6 +33,9 @@ fn a_position_that_cannot_be_is_told_apart_from_one_that_can() {
     assert_eq!(doubt([0.0, 0.0, -1.2]), Some(PositionDoubt::Behind));
     assert!(matches!(doubt([0.0, 0.0, 1200.0]), Some(PositionDoubt::TooFar(away)) if away > 1_000.0));
     assert_eq!(doubt([0.0, 0.0, 0.0995]), Some(PositionDoubt::Inside));
+    assert_eq!(doubt([0.85, 0.0, 0.85]), Some(PositionDoubt::Elsewhere), "45 degrees beside");
+    let in_the_ball = doubt([0.0, 0.0, 0.0012]);
+    assert!(matches!(in_the_ball, Some(PositionDoubt::Behind | PositionDoubt::Elsewhere)), "{in_the_ball:?}");
     assert!(matches!(doubt([1.2, 0.0, -0.3]), Some(PositionDoubt::Hidden(share)) if share > 0.4), "its far half");
 }
 

@@ -50,7 +50,7 @@ fn where_the_density_says_nothing_of_the_side_the_edges_do() {
             scanned.iter().map(|&[x, y]| turned(Vector3::new(-slope(x, y)[0], -slope(x, y)[1], 1.0).normalize()));
         let cloud =
             PointCloud { points: points.iter().map(|p| turned(p.coords).into()).collect(), normals: normals.collect() };
-        let told = direction_by_density(&cloud, &cloud.points, 1.2, 0.001, usize::MAX).expect("a direction");
+        let told = Samples::of(&cloud, &cloud.points, 0.001, usize::MAX).direction(1.2).expect("a direction");
         assert!(told.direction.z * up > 0.95, "{:?}", told.direction);
         assert!(told.trust.wrong_side() < 0.1, "{:?}, by density {}", told.trust, told.by_density);
         assert!(told.by_density > 0.7, "{}", told.by_density);
