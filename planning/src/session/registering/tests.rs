@@ -91,7 +91,10 @@ fn what_cannot_be_placed_is_refused_and_its_place_ruled_out_until_the_cloud_chan
     let next = session.next_view().expect("a view").next.expect("one is left");
     let view = View { target: next.target_m.into(), position: next.position_m.into() };
     let before = session.state().cloud.clone();
-    let elsewhere = sides(0).transformed(&Translation3::new(0.5, 0.0, 0.0).into());
+    // What the camera would have seen there of another box, half a metre behind.
+    let own = View { target: Point3::new(0.04, 0.04, 0.04), position: camera() }.world_from_camera();
+    let behind = Translation3::new(0.0, 0.0, 0.5);
+    let elsewhere = sides(0).transformed(&(view.world_from_camera() * behind * own.inverse()));
     let refused = session.add_scan(Scan::Cloud { cloud: elsewhere, from: Some(view.position) });
     let message = refused.expect_err("nothing to register by").to_string();
     assert!(message.contains("cannot be registered") && message.contains("check"), "{message}");
