@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Writes a file so that it is whole or absent (or still the old one), whatever happens: a temporary sibling,
-/// synced, renamed. Parent directories are made.
+/// synced, renamed. Parent directories are made. A link is followed, not replaced.
 ///
 /// # Errors
 /// What the operating system refuses (no space, no permission); the temporary file is then removed.
@@ -23,6 +23,8 @@ pub fn atomic_write_with(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), FormatError> {
+    let linked = path.is_symlink().then(|| std::fs::canonicalize(path).ok()).flatten();
+    let path = linked.as_deref().unwrap_or(path);
     let parent = parent(path);
     std::fs::create_dir_all(parent).map_err(|e| FormatError::io(parent, "make the directory", e))?;
     (|| {

@@ -18,7 +18,7 @@ Examples:
   infer --scan a.ply b.ply --distance 0.6 --report next.html
   infer --depth d.png --intrinsics 514.1,514.1,640,360 --pose pose.json --json
   infer --depth d.png --camera camera_info.yaml --pose pose.json --set sensor.max_range_m=1.5
-  infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --views-from stops.json
+  infer --scan samples/scan1.ply --from 0.0762,-0.5734,1.0514 --views-from stops.json
   infer --scan a.ply b.ply --from 0,0,1 0.7,0,0.7 --register refine --pose-error 0.002,0.3
   infer --config cell.toml --depth d.png --pose p.json --table-angle-deg 30
   infer --scan a.ply --from 0,0,1 --support auto --robot samples/robots/ur5e.urdf --tool tool0 --flange-from-camera hand_eye.json
@@ -34,7 +34,7 @@ Every setting is listed in configs/infer.toml, those of the service in configs/s
 ";
 
 const IN_SHORT: &str = "\
-Example: infer --scan samples/scan1.ply --from 0.8,0.2,0.9 --report next.html
+Example: infer --scan samples/scan1.ply --from 0.0762,-0.5734,1.0514 --report next.html
 All options, details, examples and exit codes: --help. For robots: docs/robots.md.";
 
 // The groups of the options. The short help (-h) shows the common ones on one screen, --help all of them.

@@ -32,23 +32,30 @@ pub fn service(config: &SessionConfig, network: Option<Network>, folder: &Path) 
     Service::new(config.clone(), network, limits).keeping_state(folder)
 }
 
-/// Lays these settings over the session and adds the scans of the command line: what was added stays, whatever comes after.
+/// Lays these settings over the session and adds the scans of the command line, once all their files are read: what was added stays, whatever comes
+/// after.
 ///
 /// # Errors
 /// A scan that cannot be read or planned on, or a session that cannot be written.
 pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionConfig, args: &Args) -> Result<()> {
-    let (of_clouds, of_images) = args.cameras()?;
+    let bodies = bodies(config, args)?;
     let mut work = |ask: Ask| {
         let spare = service.memory().nothing();
         service.work(entry, open, ask, None, &service.patience(), spare)
     };
     work(Ask::Configure(Box::new(config.clone())))?;
-    let mut add = |path: &Path, body: &[u8]| -> Result<()> {
-        let ask = Ask::parse(Method::AddScan, Body::Whole(body), false, true);
+    for (path, body) in bodies {
+        let ask = Ask::parse(Method::AddScan, Body::Whole(&body), false, true);
         let reply = ask.and_then(&mut work).with_context(|| format!("{path:?}"))?;
         tracing::info!("{path:?}: {}", String::from_utf8_lossy(&reply.body));
-        Ok(())
-    };
+    }
+    Ok(())
+}
+
+/// The scans of the command line, as requests that hold their files.
+fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, Vec<u8>)>> {
+    let (of_clouds, of_images) = args.cameras()?;
+    let mut bodies = Vec::new();
     for (i, path) in args.scan.iter().enumerate() {
         // Errors are reported in full: the file is the user's.
         let given = args.from.get(i).copied();
@@ -60,7 +67,7 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
             (Some(_), Some(from), Some(metres)) => Some(Origin::Point((from / metres).coords.into())),
             _ => given,
         };
-        add(path, &cloud_body(path, args.unit, told, args.table_angle_deg.get(i).copied())?)?;
+        bodies.push((path.as_path(), cloud_body(path, args.unit, told, args.table_angle_deg.get(i).copied())?));
     }
     let camera = crate::program::depth_camera(args)?;
     for (i, (path, pose)) in args.depth.iter().zip(of_images).enumerate() {
@@ -80,7 +87,7 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
         });
         depth[if is_png { "png_base64" } else { "npy_base64" }] = bytes.into();
         let angle = args.table_angle_deg.get(args.scan.len() + i);
-        add(path, json!({ "depth": depth, "table_angle_deg": angle }).to_string().as_bytes())?;
+        bodies.push((path.as_path(), json!({ "depth": depth, "table_angle_deg": angle }).to_string().into_bytes()));
     }
-    Ok(())
+    Ok(bodies)
 }

@@ -10,6 +10,7 @@ mod lines;
 pub mod load;
 #[cfg(feature = "ros2")]
 mod node;
+mod outputs;
 pub mod plan;
 pub mod program;
 pub mod report;

@@ -252,7 +252,9 @@ pub fn from_depth_file(
     let point = format!("({}, {}) of an image of {width} x {height} pixels", camera.cx, camera.cy);
     if off(camera.cx, width).max(off(camera.cy, height)) > 0.5 {
         notes.push(format!("the principal point {point} is outside the image: intrinsics for another resolution?"));
-    } else if off(camera.cx, width).min(off(camera.cy, height)) > 0.2 {
+    } else if off(camera.cx, width).max(off(camera.cy, height)) > 0.2
+        && off(camera.cx, width).min(off(camera.cy, height)) > 0.1
+    {
         notes.push(format!(
             "the principal point {point} is far from the middle of the image: intrinsics for another resolution?"
         ));

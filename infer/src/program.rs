@@ -4,7 +4,7 @@ use crate::args::Args;
 use crate::load::{self, DepthCamera, Loaded};
 use crate::report::{ReportInput, report_html};
 use crate::service::{self, Asks, ServeConfig, Service};
-use crate::{check, frustums, http, kept, lines, plan, simulate, weights};
+use crate::{check, frustums, http, kept, lines, outputs, plan, simulate, weights};
 use anyhow::{Context, Result, bail};
 use formats::Flag;
 use formats::camera::read_camera;
@@ -52,6 +52,7 @@ fn run(args: &Args) -> Result<ExitCode> {
     }
     let Settings { session: config, at_a_distance } = settings(args, set)?;
     args.plan.as_deref().map_or(Ok(()), plan::check)?;
+    outputs::check(args)?;
     config.check()?;
     if config.robot.is_some() && !at_a_distance && args.views_from.is_none() {
         bail!(

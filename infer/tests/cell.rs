@@ -57,12 +57,20 @@ fn a_fixed_camera_and_a_turntable_close_the_loop() {
     }
     let coverage = |i: usize| steps[i]["coverage"].as_f64().expect("a share");
     assert!(coverage(4) > coverage(0) + 0.2, "{} to {}", coverage(0), coverage(4));
-    let wrong = error(&["--scan", &sample("scan1.ply"), "--from", "0.8,0.2,0.9", "--table-angle-deg", "30"]);
+    let wrong = error(&["--scan", &sample("scan1.ply"), "--from", "0.0762,-0.5734,1.0514", "--table-angle-deg", "30"]);
     assert!(wrong.contains("table angle of 30 degrees, but no turntable"), "{wrong}");
     let count = error(&["--config", &cell, "--scan", &sample("scan1.ply"), "--table-angle-deg", "30", "60"]);
     assert!(count.contains("2 --table-angle-deg for 1 scans"), "{count}");
-    let given =
-        ["--config", &cell, "--scan", &sample("scan1.ply"), "--from", "0.8,0.2,0.9", "--table-angle-deg", "-30"];
+    let given = [
+        "--config",
+        &cell,
+        "--scan",
+        &sample("scan1.ply"),
+        "--from",
+        "0.0762,-0.5734,1.0514",
+        "--table-angle-deg",
+        "-30",
+    ];
     let next = answer(&given)["next"].clone();
     assert!(next["table"]["stop_deg"].is_number() && next["table"]["cell_from_camera"]["matrix"].is_array(), "{next}");
     let session = folder.path().join("kept").display().to_string();
@@ -75,7 +83,7 @@ fn an_arm_answers_with_joint_values_or_the_reason() {
     let urdf = sample("robots/ur5e.urdf");
     let base = "robot.cell_from_base=[[1,0,0,0.55],[0,1,0,0],[0,0,1,-0.2],[0,0,0,1]]";
     let scan = sample("scan1.ply");
-    let free = ["--scan", &scan, "--from", "0.8,0.2,0.9", "--distance", "0.5"];
+    let free = ["--scan", &scan, "--from", "0.0762,-0.5734,1.0514", "--distance", "0.5"];
     let arm = ["--robot", &urdf, "--tool", "tool0", "--flange-from-camera", "0,0.05,0.03,0,0,0,1", "--set", base];
     let with = answer(&[&free[..], &arm].concat());
     let candidates = with["candidates"].as_array().expect("a list");

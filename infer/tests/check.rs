@@ -42,7 +42,7 @@ fn questions(folder: &Path) -> Vec<Value> {
 fn infer(arguments: &[&str]) -> Output {
     let scan = sample("scan1.ply");
     Command::new(env!("CARGO_BIN_EXE_infer"))
-        .args(["--scan", &scan, "--from", "0.8,0.2,0.9", "--json"])
+        .args(["--scan", &scan, "--from", "0.0762,-0.5734,1.0514", "--json"])
         .args(arguments)
         .output()
         .expect("infer runs")

@@ -56,12 +56,12 @@ fn the_network_runs_on_the_device_that_is_named() {
 fn a_session_goes_on_from_command_to_command() {
     let folder = tempfile::tempdir().expect("a folder");
     let session = folder.path().join("part").display().to_string();
-    let from = ["--from", "0.8,0.2,0.9"];
+    let from = ["--from", "0.0762,-0.5734,1.0514"];
     let first = answer(&["--session", &session, from[0], from[1]], &["scan1.ply"]);
     assert_eq!(first, answer(&from, &["scan1.ply"]), "as without");
-    let second = answer(&["--session", &session, from[0], from[1]], &["scan2.ply"]);
+    let second = answer(&["--session", &session, "--from", "0.5046,-0.6854,-0.8223"], &["scan2.ply"]);
     assert_eq!(second["cloud"]["scans"], 2, "{second}");
-    let both = answer(&["--from", "0.8,0.2,0.9", "0.8,0.2,0.9"], &["scan1.ply", "scan2.ply"]);
+    let both = answer(&["--from", "0.0762,-0.5734,1.0514", "0.5046,-0.6854,-0.8223"], &["scan1.ply", "scan2.ply"]);
     assert_eq!(second["candidates"], both["candidates"], "as if both were given at once");
     let run = |arguments: &[&str]| {
         Command::new(env!("CARGO_BIN_EXE_infer")).args(["--session", &session]).args(arguments).output().expect("runs")
@@ -69,9 +69,54 @@ fn a_session_goes_on_from_command_to_command() {
     let again = run(&["--json", "--distance", "0.9"]);
     let again: serde_json::Value = serde_json::from_slice(&again.stdout).expect("an answer");
     assert_eq!((&again["cloud"]["scans"], &again["candidates"][0]["working_distance_m"]), (&2.into(), &0.9.into()));
-    let missing = run(&["--scan", "nowhere.ply"]);
+    let third = sample("scan1.ply").display().to_string();
+    let missing = run(&["--scan", &third, "nowhere.ply"]);
     let error = String::from_utf8_lossy(&missing.stderr);
     assert!(!missing.status.success() && error.contains("nowhere.ply"), "{error}");
+    let after = run(&["--json"]);
+    let after: serde_json::Value = serde_json::from_slice(&after.stdout).expect("an answer");
+    assert_eq!(after["cloud"]["scans"], 2, "none is added where one cannot be read");
+}
+
+#[test]
+fn no_input_is_overwritten_and_no_output_by_another() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scan = folder.path().join("mine.ply");
+    std::fs::copy(sample("scan1.ply"), &scan).expect("copied");
+    let measured = std::fs::read(&scan).expect("read");
+    let run = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_infer"));
+        let output = command.current_dir(folder.path()).args(["--scan", "mine.ply", "--from", "0.0762,-0.5734,1.0514"]);
+        let output = output.args(arguments).output().expect("runs");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    for (arguments, other) in [
+        (vec!["--mesh", "mine.ply"], "--scan"),
+        (vec!["--cloud", "./mine.ply"], "--scan"),
+        (vec!["--mesh", "same.ply", "--ply", "same.ply"], "--mesh"),
+        (vec!["--report", "."], "a directory"),
+    ] {
+        let (code, error) = run(&arguments);
+        assert!(code == Some(1) && error.contains(other), "{arguments:?}: {code:?} {error}");
+    }
+    assert_eq!(std::fs::read(&scan).expect("read"), measured);
+    assert!(!folder.path().join("same.ply").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_session_takes_a_file_whose_name_is_no_text() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let scan = folder.path().join(std::ffi::OsStr::from_bytes(b"t\xe4.ply"));
+    std::fs::copy(sample("scan1.ply"), &scan).expect("copied");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_infer"));
+    let output = command
+        .current_dir(folder.path())
+        .args(["--session", "kept", "--from", "0.0762,-0.5734,1.0514", "--scan"])
+        .arg(&scan);
+    let output = output.output().expect("runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]
@@ -90,8 +135,8 @@ fn weights_of_ones_own_replace_the_bundled_ones() {
 
 #[test]
 fn a_cloud_takes_its_camera_from_a_pose_or_a_position() {
-    // The camera of scan1 (samples): at (0.8, 0.2, 0.9), looking at the origin; rows are right, down and forward as columns.
-    let position = nalgebra::Point3::new(0.8, 0.2, 0.9);
+    // The camera of scan1 (samples): at (0.0762, -0.5734, 1.0514), looking at the origin; rows are right, down and forward as columns.
+    let position = nalgebra::Point3::new(0.0762, -0.5734, 1.0514);
     let m = geometry::View { target: nalgebra::Point3::origin(), position }.world_from_camera().to_homogeneous();
     let rows: Vec<String> =
         (0..4).map(|r| format!("{} {} {} {}\r\n", m[(r, 0)], m[(r, 1)], m[(r, 2)], m[(r, 3)])).collect();
@@ -100,7 +145,7 @@ fn a_cloud_takes_its_camera_from_a_pose_or_a_position() {
     std::fs::write(&file, format!("# by hand\r\n{}", rows.concat())).expect("written");
     let posed = answer(&["--pose", &file], &["scan1.ply"]);
     assert_eq!(posed["evidence"], "camera_positions");
-    assert_eq!(posed["candidates"], answer(&["--from", "0.8,0.2,0.9"], &["scan1.ply"])["candidates"]);
+    assert_eq!(posed["candidates"], answer(&["--from", "0.0762,-0.5734,1.0514"], &["scan1.ply"])["candidates"]);
     let refused = |arguments: &[&str], expected: &str| {
         let output = Command::new(env!("CARGO_BIN_EXE_infer"))
             .arg("--scan")
@@ -111,7 +156,7 @@ fn a_cloud_takes_its_camera_from_a_pose_or_a_position() {
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(1) && error.contains(expected), "{arguments:?}: {error}");
     };
-    refused(&["--pose", &file, "--from", "0.8,0.2,0.9"], "pose and --from both");
+    refused(&["--pose", &file, "--from", "0.0762,-0.5734,1.0514"], "pose and --from both");
     refused(&["--pose", &file, &file], "2 --pose for 1 --scan");
     std::fs::write(&file, "1 0 0 1\n0 1 0\n").expect("written");
     refused(&["--pose", &file], "line 2: found 3 numbers");
@@ -122,7 +167,7 @@ fn a_cloud_takes_its_camera_from_a_pose_or_a_position() {
 fn a_plan_of_several_views_is_a_list() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = |name: &str| folder.path().join(name);
-    let from = ["--from", "0.8,0.2,0.9", "--plan-views", "4"];
+    let from = ["--from", "0.0762,-0.5734,1.0514", "--plan-views", "4"];
     let made = |name: &str, more: &[&str]| {
         let path = at(name).display().to_string();
         let output = Command::new(env!("CARGO_BIN_EXE_infer"))

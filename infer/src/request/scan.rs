@@ -113,8 +113,7 @@ pub fn cloud_body(
     from: Option<Origin>,
     table_angle_deg: Option<f64>,
 ) -> Result<Vec<u8>, Refusal> {
-    let file = Some(path.display().to_string());
-    ScanRequest { file, unit, from, table_angle_deg, ..Default::default() }.with_its_file()
+    ScanRequest { unit, from, table_angle_deg, ..Default::default() }.with_file(path)
 }
 
 /// `[[x, y, z], ...]`, at most [`POINTS`].
@@ -187,8 +186,11 @@ impl ScanRequest<'_> {
     /// # Errors
     /// The file cannot be read.
     pub fn with_its_file(&self) -> Result<Vec<u8>, Refusal> {
+        self.with_file(Path::new(self.file.as_deref().unwrap_or_default()))
+    }
+
+    fn with_file(&self, path: &Path) -> Result<Vec<u8>, Refusal> {
         let wrong = |e: anyhow::Error| Refusal::new(400, "bad_file", format!("{e:#}"));
-        let path = Path::new(self.file.as_deref().unwrap_or_default());
         let bytes = load::named_bytes(path).map_err(wrong)?;
         // Told now, in terms of the file.
         load::named_cloud(path, &bytes, self.unit, self.from).map_err(wrong)?;

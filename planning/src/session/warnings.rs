@@ -5,11 +5,14 @@ use crate::Seen;
 use crate::answer::{Candidate, length};
 use crate::constraints::Constraint;
 use crate::scan::{FARTHEST_M, ScanReport};
+use geometry::PointCloud;
 use nalgebra::Point3;
 
 /// A cloud is large for its unit beyond so many working distances, and small within such a share of one.
 const TOO_LARGE: f64 = 10.0;
 const TOO_SMALL: f64 = 0.01;
+/// A scan that is smaller than this share of another is in another unit.
+const ANOTHER_UNIT: f64 = 0.01;
 /// A tolerance beyond this share of the cloud hides what a view adds.
 const COARSE: f64 = 0.05;
 /// Notes of an answer.
@@ -69,6 +72,7 @@ impl Session {
         }
         let (low, high) = self.state.cloud.bounding_box();
         let diagonal = (high - low).norm();
+        let odd = self.in_another_unit();
         let metres = self.scans.last().and_then(|s| s.reading.metres_per_unit);
         let farthest = self.config.working_distances().into_iter().fold(0.0, f64::max);
         let large = diagonal > TOO_LARGE * farthest;
@@ -76,6 +80,7 @@ impl Session {
         let across = length(diagonal);
         let depth = self.scans.last().and_then(|s| s.past.last()).is_some_and(|p| matches!(p.seen, Seen::Depth { .. }));
         match metres {
+            _ if odd.is_some() => warnings.extend(odd),
             None if depth && too_large => warnings.push(format!(
                 "the cloud is {across} across, {:.0} times the working distance: are its depths and poses in metres?",
                 diagonal / farthest
@@ -142,6 +147,24 @@ impl Session {
     }
 
     /// What there is to say of the files that the scans were.
+    /// Of a scan so much smaller than another that its numbers must be in another unit.
+    fn in_another_unit(&self) -> Option<String> {
+        let across = |cloud: &PointCloud| {
+            let (low, high) = cloud.bounding_box();
+            (high - low).norm()
+        };
+        let sizes = || self.scans.iter().map(|scan| (across(&scan.cloud), scan.number));
+        let (small, number) = sizes().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (large, other) = sizes().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (small < ANOTHER_UNIT * large).then(|| {
+            format!(
+                "scan {number} is {} across, and scan {other} {}: is one of them in another unit (--unit, for each command of a session)?",
+                length(small),
+                length(large)
+            )
+        })
+    }
+
     fn notes(&self) -> Vec<String> {
         let all = self.scans.iter().flat_map(|s| s.reading.notes.iter().map(move |note| (s.number, note)));
         let numbered = |(i, note): (usize, &String)| match self.scans.len() {
