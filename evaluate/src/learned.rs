@@ -1,5 +1,5 @@
 //! Gain and overlap of a view learned from what the volumetric planner sees of it: ridge regression on its sums and their
-//! products (planner, section 5). The labels are the true gain and the true overlap, so that the score stays adjustable.
+//! products. The labels are the true gain and the true overlap, so that the score stays adjustable.
 
 use nalgebra::{DMatrix, DVector};
 use planning::{Forecasts, ScanState, ViewForecast};

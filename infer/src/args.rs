@@ -61,10 +61,10 @@ pub struct Args {
     pub scan: Vec<PathBuf>,
     /// Camera position of each cloud, in the same order
     ///
-    /// x,y,z in the unit of the clouds; x,y,z..x,y,z for a line scanner that moved straight from one to the other.
+    /// x,y,z in metres, or in the unit of --unit; x,y,z..x,y,z for a line scanner that moved straight from one to the other.
     #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "X,Y,Z", value_parser = Origin::parse, requires = "scan", conflicts_with_all = ["object", "serve"])]
     pub from: Vec<Origin>,
-    /// Depth images (PNG in mm, NPY in m), oldest first
+    /// Depth images (PNG and integer NPY in mm, NPY of floats in m), oldest first
     ///
     /// They are added after the clouds.
     #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "FILE")]
@@ -125,9 +125,9 @@ pub struct Args {
     /// direction each has.
     #[arg(help_heading = PLANNING, long, value_name = "FILE")]
     pub views_from: Option<PathBuf>,
-    /// Stop if the next view adds less than this share (e.g. 0.01)
+    /// Stop once views add less than this share (e.g. 0.01)
     ///
-    /// The expected gain, as a share of the whole surface.
+    /// Of the whole surface: the most that any allowed view is expected to add, what the last scan added, and the last two in the mean.
     #[arg(help_heading = PLANNING, long, value_name = "SHARE", value_parser = share)]
     pub stop_below: Option<f64>,
     /// The plane that the object stands on [default: none]

@@ -36,7 +36,7 @@ pub fn check(args: &Args) -> Result<()> {
 fn place(path: &Path) -> PathBuf {
     let whole = || {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Some(std::fs::canonicalize(folder).ok()?.join(path.file_name()?))
+        Some(folder.canonicalize().ok()?.join(path.file_name()?))
     };
-    std::fs::canonicalize(path).ok().or_else(whole).unwrap_or_else(|| path.to_owned())
+    path.canonicalize().ok().or_else(whole).unwrap_or_else(|| path.to_owned())
 }

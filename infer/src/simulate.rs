@@ -37,7 +37,7 @@ pub struct Step {
     pub coverage: f64,
     /// Share of the scan that was seen before; none for the first.
     pub overlap: Option<f64>,
-    /// What the planner expected the view to add.
+    /// What the planner expected this view to add.
     pub expected_gain: Option<f64>,
     /// What it did add.
     pub gain: f64,
@@ -103,7 +103,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
             world_from_camera: Pose::from(&view.world_from_camera()),
             coverage,
             overlap,
-            expected_gain: expected.and_then(|a| a.stop.expected_gain),
+            expected_gain: expected.and_then(|a| a.next.as_ref()?.expected_gain),
             gain: coverage - steps.last().map_or(0.0, |s: &Step| s.coverage),
             table_stop_deg: expected.and_then(|a| Some(a.next.as_ref()?.table.as_ref()?.stop_deg)),
             reached: expected.and_then(|a| a.next.as_ref()?.reached.clone()),

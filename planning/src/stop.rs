@@ -90,7 +90,7 @@ const MISSING: [(f64, [f64; 3]); 10] = [
 
 impl Missing {
     /// Bounds for real scans, from those of simulated ones: what is in reach is known less well where views are given, and sensors are
-    /// noisy. 92 % of the decisions on three recorded sequences are inside, 84 % of those on the noisiest (docs/results.md).
+    /// noisy. 90 % of the decisions on three recorded sequences are inside, 80 % of those on the noisiest (docs/results.md).
     pub(crate) fn widened([low, high]: [f64; 2]) -> [f64; 2] {
         [(0.8 * low - 0.015).max(0.0), (1.2 * high + 0.015).min(1.0)]
     }

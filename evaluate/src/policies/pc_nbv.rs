@@ -1,4 +1,4 @@
-//! PC-NBV over its 33 views: the one of which the network expects the most new surface (pc-nbv.md, section 6).
+//! PC-NBV over its 33 views: the one of which the network expects the most new surface.
 
 use super::Radius;
 use super::sphere::{nearest_direction, pc_nbv_33, view_at};

@@ -17,7 +17,7 @@ pub fn latitude_longitude() -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// The 33 directions of PC-NBV, y up (pc-nbv.md, section 2).
+/// The 33 directions of PC-NBV, y up.
 pub fn pc_nbv_33() -> Vec<Vector3<f64>> {
     let ring = |elevation: f64| {
         (0..8).map(move |i| {

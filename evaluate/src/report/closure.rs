@@ -7,7 +7,7 @@ use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, efficiency};
 
-/// The rules without a model that a planner must beat, at the working distance (planner notes, section 0).
+/// The rules without a model that a planner must beat, at the working distance.
 const SIMPLE: [&str; 4] = ["random-boundary", "random-u-sphere", "see", "farthest"];
 /// Standard errors that the search must lead by for its lead to be a measure.
 const CLEAR: f64 = 3.0;

@@ -57,11 +57,6 @@ impl ShardWriter {
         }
     }
 
-    /// What the shard will say of itself; records may still be changed.
-    pub fn metadata_mut(&mut self) -> &mut ShardMetadata {
-        &mut self.metadata
-    }
-
     /// Number of samples so far.
     pub fn len(&self) -> usize {
         self.object.len()

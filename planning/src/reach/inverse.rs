@@ -48,11 +48,6 @@ impl Reach {
         near.then(|| Solution { joints, travel: travel(&self.home(), &joints) })
     }
 
-    /// Of all starts the way that travels least.
-    pub fn nearest(&self, target: &Isometry3<f64>) -> Option<Solution> {
-        (0..SEEDS).filter_map(|seed| self.solve(target, seed)).min_by(|a, b| a.travel.total_cmp(&b.travel))
-    }
-
     fn too_far(&self, target: &Isometry3<f64>) -> Option<f64> {
         let first = self.cell_from_base * self.origins.first().copied().unwrap_or_default();
         let away = (target.translation.vector - first.translation.vector).norm();

@@ -47,7 +47,7 @@ impl Session {
         }
         for number in self.planners.scans_with_distrusted_misses() {
             doubts.push(format!(
-                "scan {number} has pixels without a return where other scans saw surface: its misses are not treated as free space (camera.misses, --misses unknown)"
+                "scan {number} has pixels without a return where other scans saw surface: its misses are not treated as free space (misses, --misses unknown)"
             ));
         }
         if let Some(next) = next

@@ -1,4 +1,4 @@
-//! The reactive controller: corrects the view of a frontier that the last scan did not resolve (see.md, section 8).
+//! The reactive controller: corrects the view of a frontier that the last scan did not resolve.
 
 use super::state::Surface;
 use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};

@@ -1,9 +1,9 @@
-//! Surface geometry at a frontier point and the view it proposes (see.md, sections 4 to 6).
+//! Surface geometry at a frontier point and the view it proposes.
 
 use super::state::Surface;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-/// Chord on the unit sphere within which a scan direction is in the way (see.md, section 6).
+/// Chord on the unit sphere within which a scan direction is in the way.
 const CHORD: f64 = 0.01;
 /// Steps after which the free side is given up as undecided (the published loop has no bound).
 const MAX_STEPS: usize = 10_000;

@@ -1,4 +1,4 @@
-//! Which view sees which frontier, and the choice among the proposals (see.md, sections 9 and 10).
+//! Which view sees which frontier, and the choice among the proposals.
 
 use super::state::Surface;
 use geometry::View;

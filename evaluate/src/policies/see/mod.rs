@@ -1,4 +1,4 @@
-//! SEE, the Surface Edge Explorer in its SEE++ generation (Border and Gammell, IJRR 2024; see.md): density classes of
+//! SEE, the Surface Edge Explorer in its SEE++ generation (Border and Gammell, IJRR 2024): density classes of
 //! points instead of a mesh or voxels, views proposed at the edges of the seen surface, turned out of occlusion ahead
 //! of time, chosen by a graph of which view sees which edge. Exact neighbours, fixed order and no clock replace the
 //! published octree, threads and time-limited solver, so that runs repeat.
@@ -39,7 +39,7 @@ pub struct SeePlanner {
 enum Drive {
     /// The newest scan with its camera.
     Correct,
-    /// As published (see.md, section 15).
+    /// As published.
     Paper,
 }
 

@@ -1,4 +1,4 @@
-//! The view direction with the largest angular clearance from all occluders (see.md, section 7).
+//! The view direction with the largest angular clearance from all occluders.
 //!
 //! The published code solves two small non-linear programs with a wall-clock limit. Both ask for the direction u that
 //! minimises max_j C_j.u over unit directions C_j to the occluders: from the minimum-norm point of their convex hull

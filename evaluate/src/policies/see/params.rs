@@ -1,4 +1,4 @@
-//! Parameters of SEE, given or derived (see.md, sections 1 and 14).
+//! Parameters of SEE, given or derived.
 
 use nalgebra::Point3;
 
@@ -56,7 +56,7 @@ impl SeeConfig {
         }
     }
 
-    /// The best fixed parameters found for objects of 0.2 m (see.md, section 14).
+    /// The best fixed parameters found for objects of 0.2 m.
     pub fn fixed() -> Self {
         Self { radius_m: 0.010, density_per_m3: 4e6, ..Self::default() }
     }
@@ -99,7 +99,7 @@ fn derived_distance(radius: f64, density: f64, pixels: f64, tx: f64, ty: f64) ->
 
 impl SeeParams {
     /// Parameters for a first scan with this point spacing, from the configuration and, where it leaves a zero, by the
-    /// automatic rule of see.md, section 14. `None` when the density asks for fewer than 3 points per ball.
+    /// automatic rule. `None` when the density asks for fewer than 3 points per ball.
     pub fn resolve(config: &SeeConfig, scan: &[Point3<f64>], spacing: f64, working_distance: f64) -> Option<Self> {
         let radius = if config.radius_m > 0.0 { config.radius_m } else { config.radius_in_spacings * spacing };
         let k = if config.density_per_m3 > 0.0 {

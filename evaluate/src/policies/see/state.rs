@@ -1,4 +1,4 @@
-//! Stored points and their classes: one update per scan (see.md, sections 2 and 3).
+//! Stored points and their classes: one update per scan.
 
 use super::graph::Graph;
 use super::grid::PointGrid;

@@ -1,4 +1,4 @@
-//! The test list of see.md, section 17.
+//! SEE: its parts, and whole runs.
 
 use super::params::{SeeConfig, SeeParams};
 use super::state::{Label, Surface};

@@ -1,4 +1,4 @@
-//! Occlusion of a frontier point from a view, and the proactive answer to it (see.md, section 7).
+//! Occlusion of a frontier point from a view, and the proactive answer to it.
 
 use super::optimise::clearest_direction;
 use super::state::Surface;
