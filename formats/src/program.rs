@@ -21,7 +21,7 @@ pub const STOPPED: u8 = 130;
 
 /// What the exit codes mean, in every program; the end of every `--help`.
 pub const EXIT_CODES: &str = "Exit codes: 0 success; 1 error, one line on stderr; 2 invalid command line; 3 no view is \
-                              left (infer); 130 stopped by Ctrl-C or SIGTERM, resumable.";
+                              left (infer); 130 stopped by Ctrl-C or SIGTERM, resumable (datagen, train, evaluate).";
 
 /// Threads per core that `--jobs` may ask for.
 const JOBS_PER_CORE: usize = 4;

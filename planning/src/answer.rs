@@ -2,7 +2,7 @@
 
 use crate::constraints::{Exclusion, Objection};
 use crate::planners::auto::Evidence;
-use crate::pose::Pose;
+use crate::pose::{Pose, rigid};
 use crate::registration::Registered;
 use crate::registration::registrability::Prediction;
 use crate::stop::{Missing, Stop};
@@ -56,6 +56,17 @@ impl Candidate {
     /// Where the camera stands in the cell, which does not turn with the table.
     pub fn position_in_cell(&self) -> Point3<f64> {
         Point3::from(self.table.as_ref().map_or(self.position_m, |table| table.cell_from_camera.translation_m))
+    }
+
+    /// What it looks at, there.
+    fn target_in_cell(&self) -> Point3<f64> {
+        let target = Point3::from(self.target_m);
+        let in_cell = |table: &TableStop| {
+            let [(from, _), (to, _)] =
+                [rigid(&self.world_from_camera.matrix).ok()?, rigid(&table.cell_from_camera.matrix).ok()?];
+            Some(to * from.inverse() * target)
+        };
+        self.table.as_ref().and_then(in_cell).unwrap_or(target)
     }
 }
 
@@ -199,10 +210,14 @@ impl Answer {
         let allowed = self.candidates.iter().filter(|c| c.objections.is_empty());
         for candidate in allowed.skip(1).take(4) {
             line(format!(
-                "  then {}: score {:.3}, camera {}",
+                "  then {}: score {:.3}, camera {}{}",
                 candidate.rank,
                 candidate.score,
-                triple(&candidate.position_m)
+                triple(&candidate.position_in_cell().coords.into()),
+                candidate
+                    .table
+                    .as_ref()
+                    .map_or(String::new(), |table| format!(", table at {} degrees", table.stop_deg))
             ));
         }
         if self.next.is_some() && !self.excluded.is_empty() {
@@ -261,10 +276,11 @@ impl Answer {
 }
 
 fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
-    let which = next.given.map_or(String::new(), |i| format!(" (number {i} of those given)"));
+    let which = next.given.map_or(String::new(), |i| format!(" (number {i} of those given, from 0)"));
     line(format!("next view: score {:.3}{which}", next.score));
-    line(format!("  target  {}", triple(&next.target_m)));
-    line(format!("  camera  {}   ({} from the target)", triple(&next.position_m), length(next.working_distance_m)));
+    let [target, camera] = [next.target_in_cell(), next.position_in_cell()].map(|p| triple(&p.coords.into()));
+    line(format!("  target  {target}"));
+    line(format!("  camera  {camera}   ({} from the target)", length(next.working_distance_m)));
     let (what, pose) = match &next.table {
         Some(table) => {
             line(format!("  turn the table to {} degrees", table.stop_deg));
@@ -280,7 +296,7 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     line(format!("  quaternion x {x:.6} y {y:.6} z {z:.6} w {w:.6}"));
     if let Some(reached) = &next.reached {
         let joints: Vec<String> = reached.joints.iter().map(|j| format!("{} {:.4}", j.name, j.value)).collect();
-        line(format!("  joints {} (travel {:.2})", joints.join(", "), reached.travel));
+        line(format!("  joints {} (rad, of sliding ones m; travel {:.2})", joints.join(", "), reached.travel));
     }
     let mut benefit = String::new();
     let _ = match next.expected_gain {
@@ -295,7 +311,8 @@ fn describe_next(next: &Candidate, stop: &Stop, line: &mut impl FnMut(String)) {
     }
     line(benefit);
     if stop.stop {
-        line("  not worth it: no view is expected to add as much as --stop-below, nor did the last scan".to_owned());
+        let last = if stop.last_added.is_some() { ", nor did the last scan" } else { "" };
+        line(format!("  not worth it: no view is expected to add as much as --stop-below{last}"));
     }
 }
 

@@ -114,6 +114,7 @@ impl Cell<'_> {
             let registration = self.demand.as_ref().map(|(demand, frame)| demand.predict(self.state, view, frame));
             let given = given.iter().position(|g| g == view);
             let pose = self.pose(view, given);
+            let as_given = given.map(|i| self.as_given(i));
             let mut places = self.places(view, &pose, cautious, given);
             let mut others = Vec::new();
             if self.scanned.iter().any(|p| (p - view.position).norm() <= SAME_PLACE * distance) {
@@ -141,12 +142,18 @@ impl Cell<'_> {
                 expected_gain: ranked.gain,
                 expected_overlap: overlap,
                 objections: Vec::new(),
-                given,
+                given: as_given,
                 registration,
                 bridges_to: None,
             };
             Considered { candidate, pose, places, at: 0, refused: None }
         })
+    }
+
+    /// Which of the poses that were given the i-th view is, each being one for every stop of a table; of a camera that stands still, the stop.
+    fn as_given(&self, i: usize) -> usize {
+        let table = self.config.turntable.as_ref().filter(|table| table.cell_from_camera.is_none());
+        table.map_or(i, |table| i % (self.state.given_views.len() / table.stops().len().max(1)).max(1))
     }
 
     /// The camera's pose at a view, in the object's frame.

@@ -53,7 +53,7 @@ impl Session {
             warnings.push(format!("dropped {far} points farther away than {FARTHEST_M:.0e} m: markers for no return?"));
         }
         if self.config.support == crate::Support::Auto && self.support.is_none() {
-            let nothing = "support = auto: the first scan shows no plane that the object stands on (within 30 degrees of level, on all sides of it): everything is treated as the object";
+            let nothing = "support = auto: no scan that was added with it shows a plane that the object stands on (within 30 degrees of level, on all sides of it): everything is treated as the object";
             warnings.push(nothing.to_owned());
         }
         let (beyond, mixed) = (total(|r| r.beyond_sensor), total(|r| r.mixed_pixels));

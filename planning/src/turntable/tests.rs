@@ -131,8 +131,19 @@ fn a_camera_on_an_arm_gets_the_stop_that_its_cell_allows() {
     let beyond = allowed.iter().filter(|c| c.position_m[0] < 0.4).count();
     assert!(beyond > 3, "the far side comes round: {beyond}");
     // Taught poses of the arm, at every stop.
-    session.set_given_views(vec![rigid(&fixed()).expect("a pose").0; 2]);
-    assert_eq!(session.next_view().expect("an answer").candidates.len(), 24);
+    let taught = rigid(&fixed()).expect("a pose").0;
+    let higher = nalgebra::Translation3::new(0.0, 0.0, 0.05) * taught;
+    session.set_given_views(vec![taught, higher]);
+    let answer = session.next_view().expect("an answer");
+    assert_eq!(answer.candidates.len(), 24);
+    for candidate in &answer.candidates {
+        let own = [taught, higher][candidate.given.expect("of those given")].translation.vector;
+        assert!((candidate.position_in_cell().coords - own).norm() < 1e-9, "{candidate:?}");
+    }
+    let next = answer.next.as_ref().expect("one is allowed");
+    let camera = next.position_in_cell();
+    let told = format!("  camera  {:.4} {:.4} {:.4} ", camera.x, camera.y, camera.z);
+    assert!(answer.to_text().contains(&told), "{told}\n{}", answer.to_text());
 }
 
 #[test]
