@@ -11,7 +11,7 @@ const FARTHEST: f64 = 100.0;
 const SEEN: f64 = 0.6;
 /// The density of points speaks clearly where some camera leaves less than this of it unexplained (a root,
 /// [`crate::estimate`]); and against a position that leaves more than this, and than that camera so many times: none of 1,281 true positions of
-/// simulated and recorded scans, whole and cut, and 85 to 94 % of those at a right angle, in the middle of the points, or 1,000 times too near
+/// simulated and recorded scans, whole and cut, and 92 to 94 % of those at a right angle, in the middle of the points, or 1,000 times too near
 /// (docs/log.md).
 const CLEAR: f64 = 0.15;
 const UNEXPLAINED: [f64; 2] = [0.35, 3.0];

@@ -27,7 +27,7 @@ const REACH: f64 = 3.2;
 const EDGE: f64 = 0.2;
 /// Share of the points that the fit leaves aside as disturbed, twice.
 const TRIMMED: f64 = 0.2;
-/// How much more the edges say of the side than the density does, which of two sides it is told better from.
+/// Weight of what the edges say of the side, beside the logarithm of what the density says.
 const EDGES: f64 = 2.0;
 /// Directions that are tried for the cameras of a merged cloud.
 const DIRECTIONS: usize = 200;

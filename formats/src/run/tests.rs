@@ -41,3 +41,20 @@ fn the_newest_run_is_found_by_its_marker() {
     std::fs::create_dir(dir.path().join("c")).unwrap();
     assert_eq!(newest(dir.path(), "manifest.json"), Some(dir.path().join("b")));
 }
+
+#[cfg(unix)]
+#[test]
+fn a_link_is_followed_and_stays_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [file, link] = ["real.txt", "link.txt"].map(|name| folder.path().join(name));
+    std::fs::write(&file, "old").expect("written");
+    std::os::unix::fs::symlink("real.txt", &link).expect("linked");
+    atomic_write(&link, b"new").expect("written");
+    assert!(link.is_symlink());
+    assert_eq!(std::fs::read(&file).expect("read"), b"new");
+    let [there, to_there] = ["there", "to_there"].map(|name| folder.path().join(name));
+    std::fs::create_dir(&there).expect("made");
+    std::os::unix::fs::symlink("there", &to_there).expect("linked");
+    atomic_write(&to_there, b"new").expect_err("a directory");
+    assert!(to_there.is_symlink() && there.is_dir());
+}
