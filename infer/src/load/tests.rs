@@ -129,6 +129,7 @@ fn a_principal_point_outside_is_said() {
     };
     assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("is outside"));
     assert!(notes([64, 48], [60.0, 60.0, 16.0, 12.0]).expect("read")[0].contains("far from the middle"));
+    assert!(notes([128, 72], [30.0, 30.0, 32.0, 24.0]).expect("read")[0].contains("far from the middle"), "of 4 : 3");
     assert!(notes([32, 24], [30.0, 30.0, 16.0, 12.0]).expect("read").is_empty());
     assert!(notes([32, 24], [30.0, 30.0, 12.0, 16.0]).expect("read").is_empty(), "cut out of a larger one");
     assert!(notes([32, 24], [30.0, 0.0, 16.0, 12.0]).is_err() && notes([32, 24], [30.0, 30.0, f64::NAN, 1.0]).is_err());

@@ -251,6 +251,21 @@ fn hints_on_the_unit_point_the_right_way() {
 }
 
 #[test]
+fn a_scan_in_another_unit_than_the_others_is_named() {
+    let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+    for scale in [1.0, 1.0, 0.001] {
+        let Scan::Cloud { mut cloud, .. } = sheet(|_, n| n) else { unreachable!("a cloud") };
+        let odd = |warnings: &[String]| warnings.iter().any(|w| w.contains("in another unit"));
+        assert!(session.num_scans() == 0 || !odd(&session.next_view().expect("an answer").warnings));
+        cloud.points.iter_mut().for_each(|p| p.coords *= scale);
+        session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.0, 0.0, scale)) }).expect("a scan");
+    }
+    let warnings = session.next_view().expect("an answer").warnings;
+    let odd = warnings.iter().find(|w| w.contains("in another unit")).expect("it is said");
+    assert!(odd.starts_with("scan 3 is ") && !warnings.iter().any(|w| w.contains("--unit mm")), "{warnings:?}");
+}
+
+#[test]
 fn copies_are_no_thinning() {
     let Scan::Cloud { cloud, from } = sheet(|_, n| n) else { unreachable!("a cloud") };
     let cloud = PointCloud { points: cloud.points.repeat(3), normals: Vec::new() };
