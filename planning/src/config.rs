@@ -6,6 +6,7 @@ use crate::constraints::{Box3, ConstraintsConfig};
 use crate::pose::PoseConfig;
 use crate::reach::RobotConfig;
 use crate::registration::RegistrationConfig;
+use crate::scan::{FARTHEST_M, SMALLEST_M};
 use crate::sensor::SensorConfig;
 use crate::support::Support;
 use crate::turntable::TurntableConfig;
@@ -28,7 +29,7 @@ const MAX_PIXELS: u64 = 1 << 25;
 /// let config = SessionConfig { working_distance_m: 0.5, constraints, ..Default::default() };
 /// assert!(config.check().is_ok());
 /// let wrong = SessionConfig { tolerance_m: -1.0, ..config };
-/// assert_eq!(wrong.check().expect_err("refused").to_string(), "tolerance_m = -1: expected a positive number");
+/// assert_eq!(wrong.check().expect_err("refused").to_string(), "tolerance_m = -1.0: expected 1e-6 to 1e6 metres");
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -118,15 +119,16 @@ impl SessionConfig {
     /// # Errors
     /// The first key out of range, with what it must be.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let positive = |key: &'static str, value: f64| match value.is_finite() && value > 0.0 {
+        let length = |key: &'static str, metres: f64| match (SMALLEST_M..=FARTHEST_M).contains(&metres) {
             true => Ok(()),
-            false => Err(ConfigError { key, found: value.to_string(), expected: "a positive number" }),
+            false => Err(ConfigError { key, found: format!("{metres:?}"), expected: "1e-6 to 1e6 metres" }),
         };
-        positive("working_distance_m", self.working_distance_m)?;
-        positive("tolerance_m", self.tolerance_m)?;
+        length("working_distance_m", self.working_distance_m)?;
+        length("tolerance_m", self.tolerance_m)?;
         if let Some([low, high]) = self.working_distance_range_m {
-            positive("working_distance_range_m", low)?;
-            if !(high.is_finite() && high >= low) {
+            length("working_distance_range_m", low)?;
+            length("working_distance_range_m", high)?;
+            if high < low {
                 let found = format!("[{low}, {high}]");
                 return Err(ConfigError { key: "working_distance_range_m", found, expected: "[smallest, largest]" });
             }

@@ -18,6 +18,7 @@ use geometry::{
 };
 use lines::{abreast, orient_normals_abreast, pieces};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 
 /// Neighbours over which the sign of normals is carried where no camera is known (10).
@@ -182,6 +183,8 @@ pub(crate) struct PreparedScan {
     pub spacing: f64,
     /// The same before thinning.
     pub measured_spacing: f64,
+    /// Tells its points, as they were given, from those of any other scan.
+    pub fingerprint: u64,
     /// Why the camera position that came with it was not believed.
     pub doubt: Option<PositionDoubt>,
     /// Whether it was registered onto those before it.
@@ -352,6 +355,7 @@ pub(crate) fn prepare(
             cloud,
             spacing,
             measured_spacing,
+            fingerprint: fingerprint(&all.points),
             doubt,
             moved: false,
             adjusted: Vec::new(),
@@ -362,6 +366,12 @@ pub(crate) fn prepare(
         },
         near,
     ))
+}
+
+fn fingerprint(points: &[Point3<f64>]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    points.iter().flat_map(|p| p.iter()).for_each(|x| hasher.write_u64(x.to_bits()));
+    hasher.finish()
 }
 
 /// What a planner may know of a scan with these points; nothing where the camera is unknown.

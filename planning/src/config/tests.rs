@@ -26,6 +26,7 @@ fn values_out_of_range_are_named() {
         config.check().expect_err("out of range").key
     };
     assert_eq!(wrong(|c| c.working_distance_m = 0.0), "working_distance_m", "zero distance");
+    assert_eq!(wrong(|c| c.working_distance_m = 1e300), "working_distance_m", "no place is so far away");
     assert_eq!(wrong(|c| c.tolerance_m = f64::NAN), "tolerance_m", "NaN");
     assert_eq!(wrong(|c| c.working_distance_range_m = Some([1.0, 0.5])), "working_distance_range_m", "reversed");
     assert_eq!(wrong(|c| c.max_points = 3), "max_points", "too few points");

@@ -1,8 +1,10 @@
 //! What the scans contradict, and what was made of it.
 
 use super::Session;
+use crate::Support;
 use crate::answer::{Candidate, length};
 use crate::doubt;
+use crate::scan::PreparedScan;
 use crate::support::STANDING;
 use geometry::PointCloud;
 use nalgebra::Point3;
@@ -31,6 +33,15 @@ impl Session {
                 doubts.push(format!(
                     "the camera position of scan {number} {}; it is ignored, and estimated from the points instead",
                     doubt.describe()
+                ));
+            }
+        }
+        for (i, scan) in self.scans.iter().enumerate() {
+            let same = |before: &&PreparedScan| before.fingerprint == scan.fingerprint && !scan.cloud.is_empty();
+            if let Some(same) = self.scans[..i].iter().find(same) {
+                doubts.push(format!(
+                    "scan {} has exactly the points of scan {}: was one file given twice, or did the camera not measure anew?",
+                    scan.number, same.number
                 ));
             }
         }
@@ -68,6 +79,21 @@ impl Session {
                 ));
             }
         }
+        doubts.extend(self.far_support());
         doubts
+    }
+
+    /// Of a given support that lies so far below all points that nothing stands on it.
+    fn far_support(&self) -> Option<String> {
+        let plane = self.support.filter(|_| matches!(self.config.support, Support::Plane(_)))?;
+        let (low, high) = self.state.cloud.bounding_box();
+        let lowest = self.state.cloud.points.iter().map(|p| plane.height(p)).fold(f64::INFINITY, f64::min);
+        (lowest > (high - low).norm()).then(|| {
+            format!(
+                "the given support lies {} below the lowest measured point, and the cloud is only {} across: is the offset D of --support NX,NY,NZ,D right?",
+                length(lowest),
+                length((high - low).norm())
+            )
+        })
     }
 }

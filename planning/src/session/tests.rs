@@ -266,6 +266,24 @@ fn a_scan_in_another_unit_than_the_others_is_named() {
 }
 
 #[test]
+fn a_scan_that_was_added_before_is_named() {
+    let mut session = session(40, SessionConfig::default());
+    let twice = |session: &mut Session| {
+        let warnings = session.next_view().expect("an answer").warnings;
+        warnings.into_iter().find(|w| w.contains("exactly the points of"))
+    };
+    let Scan::Cloud { mut cloud, from } = sheet(|_, n| n) else { unreachable!("a cloud") };
+    session.add_scan(Scan::Cloud { cloud: cloud.clone(), from }).expect("a scan");
+    assert_eq!(twice(&mut session), None);
+    // Measured anew, one point differs.
+    cloud.points[7].z += 1e-6;
+    session.add_scan(Scan::Cloud { cloud: cloud.clone(), from }).expect("a scan");
+    assert_eq!(twice(&mut session), None);
+    session.add_scan(Scan::Cloud { cloud, from: None }).expect("a scan");
+    assert!(twice(&mut session).is_some_and(|w| w.starts_with("scan 4 has exactly the points of scan 3:")));
+}
+
+#[test]
 fn copies_are_no_thinning() {
     let Scan::Cloud { cloud, from } = sheet(|_, n| n) else { unreachable!("a cloud") };
     let cloud = PointCloud { points: cloud.points.repeat(3), normals: Vec::new() };

@@ -146,7 +146,6 @@ impl Session {
         warnings
     }
 
-    /// What there is to say of the files that the scans were.
     /// Of a scan so much smaller than another that its numbers must be in another unit.
     fn in_another_unit(&self) -> Option<String> {
         let across = |cloud: &PointCloud| {
@@ -165,6 +164,7 @@ impl Session {
         })
     }
 
+    /// What there is to say of the files that the scans were.
     fn notes(&self) -> Vec<String> {
         let all = self.scans.iter().flat_map(|s| s.reading.notes.iter().map(move |note| (s.number, note)));
         let numbered = |(i, note): (usize, &String)| match self.scans.len() {

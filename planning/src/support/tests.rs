@@ -125,6 +125,17 @@ fn it_is_taken_away_and_no_camera_goes_under_it() {
 }
 
 #[test]
+fn a_given_support_far_below_everything_is_doubted() {
+    let (_, plane) = on_a_table(0.15);
+    let doubted = |offset_m: f64| {
+        let mut session = session(Support::Plane(Plane { offset_m, ..plane }));
+        let warnings = session.next_view().expect("an answer").warnings;
+        warnings.iter().any(|w| w.starts_with("the given support lies 20"))
+    };
+    assert!(doubted(plane.offset_m - 20.0) && !doubted(plane.offset_m));
+}
+
+#[test]
 fn the_underside_that_rests_on_it_is_not_missing() {
     let missing = |support: Support| {
         let config = SessionConfig { support, working_distance_m: 1.0, ..Default::default() };
