@@ -10,11 +10,12 @@ mod model;
 mod motion;
 mod prior;
 pub mod registrability;
+mod robust;
 pub(crate) mod visible;
 
 use crate::answer::length;
 use geometry::PointCloud;
-use nalgebra::{Isometry3, Point3, Translation3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 pub use config::{About, AfterAlarm, Icp, Register, Registrability, RegistrationConfig};
@@ -44,6 +45,18 @@ impl Frame {
         let (low, high) = whole.unwrap_or((Point3::origin(), Point3::origin()));
         let radius = Self::OF_DIAGONAL * (high - low).norm();
         Self { center: nalgebra::center(&low, &high), radius: radius.max(f64::MIN_POSITIVE.sqrt()) }
+    }
+
+    /// The six lengths of a motion about the centre.
+    fn lengths(&self, rotation: &UnitQuaternion<f64>, shift: &Vector3<f64>) -> Vector6<f64> {
+        let turn = rotation.scaled_axis() * self.radius;
+        Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
+    }
+
+    /// The motion of six lengths.
+    fn motion(&self, lengths: &Vector6<f64>) -> (UnitQuaternion<f64>, Vector3<f64>) {
+        let [a, b, c, x, y, z] = lengths.data.0[0];
+        (UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c) / self.radius), Vector3::new(x, y, z))
     }
 }
 

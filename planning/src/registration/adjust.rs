@@ -4,9 +4,9 @@
 
 use super::information::row;
 use super::prior::Prior;
-use super::{Frame, PoseError, RegistrationConfig};
+use super::{Frame, PoseError, RegistrationConfig, robust};
 use geometry::{NeighborGrid, PointCloud};
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, Vector3, Vector6};
 
 /// Tolerances within which pairs are looked for: scans were registered before.
 const REACH: f64 = 1.5;
@@ -20,9 +20,6 @@ const STEPS: usize = 3;
 const STILL: f64 = 0.01;
 /// Points that are looked for in other scans in one step, about: time stays even where there are many scans.
 const SEARCHES: usize = 15_000;
-/// Tukey's constant, and the least scale in tolerances.
-const TUKEY: f64 = 4.685;
-const LEAST_SCALE: f64 = 0.1;
 /// Damping, per pair.
 const DAMPING: f64 = 1e-6;
 
@@ -67,8 +64,8 @@ pub fn adjust(pieces: &[Piece], tolerance: f64, config: &RegistrationConfig) -> 
         let pairs = find_pairs(&parts, tolerance, stride, step);
         let Some(motion) = solve(&parts, &pairs, &frame, tolerance, stride, config.prior) else { break };
         for (part, s) in parts.iter_mut().filter(|part| part.prior.is_some()).zip(&motion) {
-            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(s[0], s[1], s[2]) / frame.radius);
-            part.pose = Isometry3::from_parts(Translation3::new(s[3], s[4], s[5]), turn) * part.pose;
+            let (turn, shift) = frame.motion(s);
+            part.pose = Isometry3::from_parts(shift.into(), turn) * part.pose;
         }
         if motion.iter().all(|s| s.amax() < STILL * tolerance) {
             break;
@@ -84,7 +81,7 @@ impl Part {
         let unit = |n: &Vector3<f64>| n.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
         let prior = piece.given.as_ref().map(|(moved, error)| {
             let shift = moved * frame.center - frame.center;
-            (lengths(&moved.rotation, &shift, frame.radius), Prior::new(error, frame, piece.cloud))
+            (frame.lengths(&moved.rotation, &shift), Prior::new(error, frame, piece.cloud))
         });
         Self {
             grid: NeighborGrid::new(&points, 2.0 * piece.spacing),
@@ -95,11 +92,6 @@ impl Part {
             pose: Isometry3::identity(),
         }
     }
-}
-
-fn lengths(rotation: &UnitQuaternion<f64>, shift: &Vector3<f64>, radius: f64) -> Vector6<f64> {
-    let turn = rotation.scaled_axis() * radius;
-    Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
 }
 
 /// Every `stride`-th point of each part with the nearest of each other, others in every step.
@@ -153,19 +145,13 @@ fn solve(
     if unknowns == 0 || pairs.len() < 6 * unknowns {
         return None;
     }
-    let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.r.abs()).collect();
-    let middle = sizes.len() / 2;
-    let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let scale = (1.4826 * median).max(LEAST_SCALE * tolerance);
+    let scale = robust::scale(pairs.iter().map(|pair| pair.r), tolerance);
     let mut blocks = vec![Matrix6::<f64>::zeros(); parts.len() * parts.len()];
     let mut slopes = vec![Vector6::<f64>::zeros(); parts.len()];
     for Pair { parts: [i, j], p, n, r } in pairs {
-        let x = r / (TUKEY * scale);
-        if x.abs() >= 1.0 {
-            continue;
-        }
+        let Some(weight) = robust::weight(*r, scale) else { continue };
         // Each overlap is met from both sides.
-        let weight = 0.5 * stride as f64 * (1.0 - x * x).powi(2);
+        let weight = 0.5 * stride as f64 * weight;
         let line = row(p, n, frame.radius);
         blocks[i * parts.len() + j].syger(weight, &line, &line, 1.0);
         slopes[*i].axpy(weight * r, &line, 1.0);
@@ -183,14 +169,14 @@ fn solve(
             }
         }
     }
-    let variance = scale * scale;
     for ((part, slope), column) in parts.iter().zip(&slopes).zip(&columns) {
         let (Some((before, prior)), &Some(at)) = (&part.prior, column) else { continue };
         let (mut own, mut slope) = (Matrix6::identity() * (DAMPING * pairs.len() as f64), *slope);
         if with_prior {
-            let total = before + lengths(&part.pose.rotation, &part.pose.translation.vector, frame.radius);
-            own += prior.precision * variance;
-            slope -= prior.precision * total * variance;
+            let total = before + frame.lengths(&part.pose.rotation, &part.pose.translation.vector);
+            let (stiffness, pull) = prior.pull(&total, scale);
+            own += stiffness;
+            slope -= pull;
         }
         let mut view = system.fixed_view_mut::<6, 6>(at, at);
         view += own;

@@ -2,7 +2,7 @@
 
 use super::information::row;
 use super::prior::Prior;
-use super::{Frame, Icp, Model, RegistrationConfig};
+use super::{Frame, Icp, Model, RegistrationConfig, robust};
 use geometry::PointCloud;
 use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
 
@@ -20,9 +20,6 @@ const COARSE: usize = 350;
 const LEAST_PAIRS: [usize; 2] = [20, 6];
 /// Pairs that must remain for those at the rim of the cloud to be dropped.
 const WITHOUT_RIM: usize = 60;
-/// Tukey's constant, and the least scale in tolerances.
-const TUKEY: f64 = 4.685;
-const LEAST_SCALE: f64 = 0.1;
 /// Damping, per pair.
 const DAMPING: f64 = 1e-6;
 /// Cosine from which on normals are alike.
@@ -57,7 +54,7 @@ pub(super) fn fit(scan: &PointCloud, model: &Model, frame: &Frame, prior: &Prior
         rotation: UnitQuaternion::identity(),
         shift: Vector3::zeros(),
         normal: Matrix6::zeros(),
-        scale: LEAST_SCALE * model.tolerance,
+        scale: robust::least_scale(model.tolerance),
         rms: 0.0,
         pairs: 0,
         finished: false,
@@ -109,9 +106,9 @@ fn stage(
         if fit.converged {
             break;
         }
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]) / frame.radius);
+        let (turn, shift) = frame.motion(&step);
         fit.rotation = turn * fit.rotation;
-        fit.shift = turn * fit.shift + Vector3::new(step[3], step[4], step[5]);
+        fit.shift = turn * fit.shift + shift;
     }
     true
 }
@@ -153,19 +150,11 @@ fn solve(
     with_prior: bool,
     tolerance: f64,
 ) -> Vector6<f64> {
-    let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.r.abs()).collect();
-    let middle = sizes.len() / 2;
-    let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-    fit.scale = (1.4826 * median).max(LEAST_SCALE * tolerance);
-    let cut = TUKEY * fit.scale;
+    fit.scale = robust::scale(pairs.iter().map(|pair| pair.r), tolerance);
     let (mut normal, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
     let (mut squared, mut weights) = (0.0, 0.0);
     for pair in pairs {
-        let x = pair.r / cut;
-        if x.abs() >= 1.0 {
-            continue;
-        }
-        let weight = (1.0 - x * x).powi(2);
+        let Some(weight) = robust::weight(pair.r, fit.scale) else { continue };
         let j = row(&pair.p, &pair.n, frame.radius);
         normal.syger(weight, &j, &j, 1.0);
         gradient.axpy(weight * pair.r, &j, 1.0);
@@ -177,11 +166,9 @@ fn solve(
     fit.rms = if weights > 0.0 { (squared / weights).sqrt() } else { 0.0 };
     let mut system = normal + Matrix6::identity() * (DAMPING * pairs.len() as f64);
     if with_prior {
-        let turn = fit.rotation.scaled_axis() * frame.radius;
-        let total = Vector6::new(turn.x, turn.y, turn.z, fit.shift.x, fit.shift.y, fit.shift.z);
-        let variance = fit.scale * fit.scale;
-        system += prior.precision * variance;
-        gradient -= prior.precision * total * variance;
+        let (stiffness, pull) = prior.pull(&frame.lengths(&fit.rotation, &fit.shift), fit.scale);
+        system += stiffness;
+        gradient -= pull;
     }
     system.cholesky().map_or_else(Vector6::zeros, |c| c.solve(&gradient))
 }

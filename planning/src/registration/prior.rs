@@ -3,7 +3,7 @@
 use super::Frame;
 use super::icp::Fit;
 use geometry::PointCloud;
-use nalgebra::{Matrix3, Matrix6, Point3};
+use nalgebra::{Matrix3, Matrix6, Point3, Vector6};
 
 /// Standard deviations below this are none, metres (and times the radius, in rotation).
 const LEAST_M: f64 = 1e-7;
@@ -24,7 +24,7 @@ pub(super) struct Prior {
     /// Of the six lengths, square metres.
     covariance: Matrix6<f64>,
     /// Its inverse.
-    pub precision: Matrix6<f64>,
+    precision: Matrix6<f64>,
     /// Mean over the scan's points of D^T D, D the six lengths' effect on a point.
     spread: Matrix6<f64>,
     /// Root mean square displacement of the scan's points that is expected, metres.
@@ -60,6 +60,12 @@ impl Prior {
         spread.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());
         let rms = (spread * covariance).trace().max(0.0).sqrt();
         Self { covariance, precision, spread, rms }
+    }
+
+    /// What it adds to the equations of a step, at six lengths in all and a scale of the residuals: to the matrix, and from the gradient.
+    pub fn pull(&self, total: &Vector6<f64>, scale: f64) -> (Matrix6<f64>, Vector6<f64>) {
+        let variance = scale * scale;
+        (self.precision * variance, self.precision * total * variance)
     }
 
     /// Root mean square error of the points that is left, metres. `weight` is what each point counts, so that denser scans of

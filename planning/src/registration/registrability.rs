@@ -55,7 +55,9 @@ pub struct Demand {
 impl Demand {
     /// Logits of failure at a lambda of 1 where the error at the surface is 0.055 and 0.22 of the object's radius, and the slope:
     /// of good and of plain ICP. From 26 objects; docs/registration.md, 'Predicting failures'.
-    const FITS: [[f64; 3]; 2] = [[-0.05, 0.68, 1.5], [1.1, 2.13, 1.21]];
+    const FITS: [[f64; 3]; 2] = [[-2.14, -0.18, 1.23], [1.1, 2.13, 1.21]];
+    /// Below this one lambda is like another.
+    const LEAST_LAMBDA: f64 = 0.05;
     /// Overlaps required with the same errors. Plain: a seventh of the scans fails there. Good: 0.12 less than where a seventh did before
     /// scans were adjusted together, best on 26 objects (docs/registration.md, 'Scans adjusted together').
     const OVERLAPS: [[f64; 2]; 2] = [[0.16, 0.32], [0.38, 0.56]];
@@ -87,7 +89,7 @@ impl Demand {
 
     /// Probability of failure at this lambda.
     pub fn failure(&self, lambda: f64) -> f64 {
-        let logit = self.fit[0] - self.fit[1] * lambda.max(1e-3).ln();
+        let logit = self.fit[0] - self.fit[1] * lambda.max(Self::LEAST_LAMBDA).ln();
         1.0 / (1.0 + (-logit).exp())
     }
 

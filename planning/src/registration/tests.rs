@@ -202,10 +202,10 @@ fn bounds_follow_from_the_robot_and_the_kind_of_icp() {
     let small = demand(0.002, 0.3, Icp::Good, About::Object);
     let large = demand(0.008, 2.0, Icp::Good, About::Object);
     // The figures of docs/registration.md.
-    assert!((small.least_lambda() - 3.0).abs() < 0.1, "{}", small.least_lambda());
-    assert!((large.least_lambda() - 5.0).abs() < 0.1, "{}", large.least_lambda());
+    assert!((small.least_lambda() - 0.72).abs() < 0.02, "{}", small.least_lambda());
+    assert!((large.least_lambda() - 3.54).abs() < 0.05, "{}", large.least_lambda());
     assert!((small.failure(small.least_lambda()) - 0.15).abs() < 1e-9);
-    assert!(small.failure(0.1) > 0.95 && small.failure(40.0) < 0.01);
+    assert!(small.failure(0.0) > 0.8 && large.failure(0.1) > 0.9 && small.failure(40.0) < 0.01);
     for (careful, careless) in [
         (small, large),
         (small, demand(0.002, 0.3, Icp::Plain, About::Object)),
