@@ -368,11 +368,13 @@ fn contains(corners: &Box3, p: &Point3<f64>) -> bool {
     (0..3).all(|i| corners[0][i] <= p[i] && p[i] <= corners[1][i])
 }
 
-fn show(p: &Point3<f64>) -> String {
+/// A point, for people.
+pub(crate) fn show(p: &Point3<f64>) -> String {
     format!("({:.3}, {:.3}, {:.3})", p.x, p.y, p.z)
 }
 
-fn show_box(corners: &Box3) -> String {
+/// A box, for people.
+pub(crate) fn show_box(corners: &Box3) -> String {
     format!("{} .. {}", show(&corners[0].into()), show(&corners[1].into()))
 }
 

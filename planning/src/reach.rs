@@ -295,9 +295,5 @@ fn travel(from: &Joints, to: &Joints) -> f64 {
 }
 
 /// A point for reasons.
-fn show(p: &Point3<f64>) -> String {
-    format!("({:.3}, {:.3}, {:.3})", p.x, p.y, p.z)
-}
-
 #[cfg(test)]
 mod tests;

@@ -146,6 +146,12 @@ mod as_pose {
     }
 }
 
+/// Root mean square of how far a motion moves the points of a cloud, metres.
+pub(crate) fn displacement(cloud: &PointCloud, motion: &Isometry3<f64>) -> f64 {
+    let squared: f64 = cloud.points.iter().map(|p| (motion * p - p).norm_squared()).sum();
+    (squared / cloud.len().max(1) as f64).sqrt()
+}
+
 /// Registers a scan onto the cloud of those before it. The answer follows from the arguments alone.
 pub fn register(scan: Moving, model: &Model, error: &PoseError, config: &RegistrationConfig) -> Registered {
     let frame = Frame::around(&[model.cloud, scan.cloud]);
@@ -155,8 +161,7 @@ pub fn register(scan: Moving, model: &Model, error: &PoseError, config: &Registr
         let c = frame.center.coords;
         Isometry3::from_parts(Translation3::from(c + fit.shift - fit.rotation * c), fit.rotation)
     };
-    let squared: f64 = scan.cloud.points.iter().map(|p| (correction * p - p).norm_squared()).sum();
-    let shift_m = (squared / scan.cloud.len().max(1) as f64).sqrt();
+    let shift_m = displacement(scan.cloud, &correction);
     let overlap = model.met_by(&scan, &correction, &frame);
     let lambda = overlap.information.lambda(frame.radius);
     let weakest = overlap.information.weakest(&frame);

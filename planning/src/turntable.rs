@@ -139,6 +139,11 @@ impl TurntableConfig {
     }
 }
 
+/// The smaller of the two turns from one angle to the other, degrees.
+pub(crate) fn turn_between_deg(a: f64, b: f64) -> f64 {
+    (a - b).rem_euclid(360.0).min((b - a).rem_euclid(360.0))
+}
+
 /// Where the table stops for a view, and where the camera stands then.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TableStop {

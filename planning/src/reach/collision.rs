@@ -1,7 +1,8 @@
 //! Links as balls, against boxes, measured and expected surface, and each other.
 
-use super::{Joints, Link, MOST_JOINTS, Reach, Unreached, show};
+use super::{Joints, Link, MOST_JOINTS, Reach, Unreached};
 use crate::constraints::Box3;
+use crate::constraints::{show, show_box};
 use geometry::{Mesh, NeighborGrid, rng};
 use nalgebra::{Isometry3, Point3};
 use rand::RngExt;
@@ -167,7 +168,7 @@ impl Reach {
             for (center, radius, name) in balls {
                 let reach = radius + clearance;
                 if let Some(b) = obstacles.boxes.iter().find(|b| box_distance(b, center) < reach) {
-                    let with = format!("the box {} .. {}", show(&b[0].into()), show(&b[1].into()));
+                    let with = format!("the box {}", show_box(b));
                     return touches(k, *name, with);
                 }
                 if let Some((up, floor)) = obstacles.floor

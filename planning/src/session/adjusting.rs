@@ -2,7 +2,7 @@
 
 use super::Session;
 use crate::registration::adjust::{Piece, adjust};
-use crate::registration::{Icp, Register};
+use crate::registration::{Icp, Register, displacement};
 use crate::scan::PreparedScan;
 use nalgebra::Isometry3;
 
@@ -31,7 +31,7 @@ impl Session {
         let least = WORTH_MOVING * self.config.tolerance_m;
         let mut any = false;
         for (scan, motion) in self.scans.iter_mut().zip(&motions) {
-            if scan.displacement(motion) >= least {
+            if displacement(&scan.cloud, motion) >= least {
                 scan.adjust(motion);
                 scan.adjusted.push((with, *motion));
                 any = true;
@@ -60,25 +60,11 @@ impl PreparedScan {
 
     fn adjust(&mut self, motion: &Isometry3<f64>) {
         self.move_by(motion);
-        let shift = |correction: &Isometry3<f64>| self.displacement_from(correction);
-        if let Some(correction) = self.report.registration.as_ref().map(|found| motion * found.correction) {
-            let shift_m = shift(&correction);
-            if let Some(found) = &mut self.report.registration {
-                (found.correction, found.shift_m) = (correction, shift_m);
-                found.turn_deg = correction.rotation.angle().to_degrees();
-            }
+        if let Some(found) = &mut self.report.registration {
+            found.correction = motion * found.correction;
+            found.shift_m = displacement(&self.cloud, &found.correction.inverse());
+            found.turn_deg = found.correction.rotation.angle().to_degrees();
         }
-    }
-
-    /// Root mean square of how far a motion moves its points, metres.
-    fn displacement(&self, motion: &Isometry3<f64>) -> f64 {
-        let squared: f64 = self.cloud.points.iter().map(|p| (motion * p - p).norm_squared()).sum();
-        (squared / self.cloud.len().max(1) as f64).sqrt()
-    }
-
-    /// The same of the motion that brought them to where they are.
-    fn displacement_from(&self, motion: &Isometry3<f64>) -> f64 {
-        self.displacement(&motion.inverse())
     }
 }
 

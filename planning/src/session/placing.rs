@@ -12,7 +12,7 @@ use crate::reach::{Hindrance, Obstacles, Reach, Reached};
 use crate::registration::Frame;
 use crate::registration::registrability::Demand;
 use crate::scan::PreparedScan;
-use crate::turntable::TableStop;
+use crate::turntable::{TableStop, turn_between_deg};
 use crate::{Plane, RankedView, ScanState};
 use geometry::{NeighborGrid, View};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -179,8 +179,7 @@ impl Cell<'_> {
         let stops = table.stops();
         // Given views are of one stop each, the stops in their order.
         let own = given.map(|i| i * stops.len() / self.state.given_views.len().max(1));
-        let turn =
-            |stop: f64| ((stop - self.table_deg).rem_euclid(360.0)).min((self.table_deg - stop).rem_euclid(360.0));
+        let turn = |stop: f64| turn_between_deg(stop, self.table_deg);
         let mut stops: Vec<f64> = match own {
             Some(i) => vec![stops[i]],
             None => stops,

@@ -5,6 +5,7 @@ use super::Session;
 use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
 use crate::pose::rigid;
+use crate::turntable::turn_between_deg;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -82,7 +83,7 @@ impl Session {
         for i in order {
             let travel_m = (stops[i].0 - at.0).norm();
             plan.travel_m += travel_m;
-            plan.turn_deg += turn(stops[i].1, at.1);
+            plan.turn_deg += turn_between_deg(stops[i].1, at.1);
             plan.adds += chosen[i].1;
             at = stops[i];
             let view = allowed[chosen[i].0].clone();
@@ -148,14 +149,10 @@ fn stop(candidate: &Candidate, table_deg: f64) -> Stop {
     (candidate.position_in_cell(), candidate.table.as_ref().map_or(table_deg, |table| table.stop_deg))
 }
 
-fn turn(a: f64, b: f64) -> f64 {
-    (a - b).rem_euclid(360.0).min((b - a).rem_euclid(360.0))
-}
-
 /// A short way over all stops: the nearest next, then pairs of legs uncrossed while that helps (2-opt). Where it begins is open without
 /// a position.
 fn by_travel((from, table_deg): (Option<Point3<f64>>, f64), stops: &[Stop]) -> Vec<usize> {
-    let cost = |a: &Stop, b: &Stop| (a.0 - b.0).norm() + TURN_M * turn(a.1, b.1).to_radians();
+    let cost = |a: &Stop, b: &Stop| (a.0 - b.0).norm() + TURN_M * turn_between_deg(a.1, b.1).to_radians();
     let start = |to: &Stop| cost(&(from.unwrap_or(to.0), table_deg), to);
     let mut order: Vec<usize> = Vec::new();
     let mut left: Vec<usize> = (0..stops.len()).collect();
