@@ -8,7 +8,7 @@ use crate::registration::registrability::Prediction;
 use crate::stop::{Missing, Stop};
 use crate::turntable::TableStop;
 use crate::{CameraPose, PastScan, Plane, Reached, Surface};
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -58,13 +58,17 @@ impl Candidate {
         Point3::from(self.table.as_ref().map_or(self.position_m, |table| table.cell_from_camera.translation_m))
     }
 
+    /// The camera's pose, as an isometry.
+    pub(crate) fn pose(&self) -> Isometry3<f64> {
+        rigid(&self.world_from_camera.matrix).map_or_else(|_| Isometry3::identity(), |(pose, _)| pose)
+    }
+
     /// What it looks at, there.
     fn target_in_cell(&self) -> Point3<f64> {
         let target = Point3::from(self.target_m);
         let in_cell = |table: &TableStop| {
-            let [(from, _), (to, _)] =
-                [rigid(&self.world_from_camera.matrix).ok()?, rigid(&table.cell_from_camera.matrix).ok()?];
-            Some(to * from.inverse() * target)
+            let (to, _) = rigid(&table.cell_from_camera.matrix).ok()?;
+            Some(to * self.pose().inverse() * target)
         };
         self.table.as_ref().and_then(in_cell).unwrap_or(target)
     }

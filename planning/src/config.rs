@@ -59,7 +59,8 @@ pub struct SessionConfig {
     /// Points farther from their neighbours than this many times the usual are dropped, unless they lie on a surface that is
     /// sampled more sparsely; 0 keeps all.
     pub outlier_factor: f64,
-    /// Stop when the best view is expected to add less than this share of the whole surface; 0 never stops.
+    /// Stop when the best view is expected to add less than this share of the whole surface, and the last two scans added less; 0: not before no
+    /// view is left.
     pub stop_below: f64,
     /// The camera that takes the next scan.
     pub camera: CameraConfig,
@@ -69,7 +70,7 @@ pub struct SessionConfig {
     pub misses: NoReturn,
     /// Roll of the answered pose.
     pub pose: PoseConfig,
-    /// What the object stands on: `none`, `auto` (found in the first scan), or a plane nx, ny, nz, d.
+    /// What the object stands on: `none`, `auto` (found in the first scan that shows it), or a plane nx, ny, nz, d.
     pub support: Support,
     /// How far above it points are still taken for it, metres.
     pub support_margin_m: f64,
@@ -145,7 +146,8 @@ impl SessionConfig {
             let found = self.max_points.to_string();
             return Err(ConfigError { key: "max_points", found, expected: "100 to 200,000, or 0 to keep all" });
         }
-        if let Some([low, high]) = self.region_m.filter(|[low, high]| !(0..3).all(|i| low[i] < high[i])) {
+        let is_box = |[low, high]: &Box3| (0..3).all(|i| low[i] < high[i] && (high[i] - low[i]).is_finite());
+        if let Some([low, high]) = self.region_m.filter(|region| !is_box(region)) {
             let found = format!("[{low:?}, {high:?}]");
             return Err(ConfigError { key: "region_m", found, expected: "[[smallest x, y, z], [largest x, y, z]]" });
         }
@@ -156,6 +158,18 @@ impl SessionConfig {
         if !(0.0..=1.0).contains(&self.stop_below) {
             let found = self.stop_below.to_string();
             return Err(ConfigError { key: "stop_below", found, expected: "a share from 0 to 1" });
+        }
+        if !self.pose.extra_roll_deg.is_finite() {
+            let found = self.pose.extra_roll_deg.to_string();
+            return Err(ConfigError { key: "pose.extra_roll_deg", found, expected: "a number of degrees" });
+        }
+        if !(self.support_margin_m.is_finite() && self.support_margin_m >= 0.0) {
+            let found = self.support_margin_m.to_string();
+            return Err(ConfigError {
+                key: "support_margin_m",
+                found,
+                expected: "zero or a positive number of metres",
+            });
         }
         self.check_work()?;
         self.camera.check()?;
@@ -169,14 +183,6 @@ impl SessionConfig {
 
     /// Refuses an arm that moves a camera which stands still.
     fn check_arm(&self) -> Result<(), ConfigError> {
-        if !(self.support_margin_m.is_finite() && self.support_margin_m >= 0.0) {
-            let found = self.support_margin_m.to_string();
-            return Err(ConfigError {
-                key: "support_margin_m",
-                found,
-                expected: "zero or a positive number of metres",
-            });
-        }
         let Some(robot) = &self.robot else { return Ok(()) };
         if self.turntable.as_ref().is_some_and(|t| t.cell_from_camera.is_some()) {
             let found = "a fixed camera and an arm".to_owned();

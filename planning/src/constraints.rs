@@ -12,7 +12,7 @@ pub type Box3 = [[f64; 3]; 2];
 /// Where no clearance is set.
 const CLEARANCE_M: f64 = 0.05;
 
-/// Limits on the camera, each off by default but the clearance. World frame, metres, degrees.
+/// Limits on the camera, each off by default but the clearance. In the cell (`visited_m`: the object's frame), metres, degrees.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ConstraintsConfig {
@@ -316,9 +316,10 @@ impl Objection {
     pub(crate) fn of_sensor(sensor: &SensorConfig, ranked: &RankedView, predicted: bool) -> Option<Self> {
         let [near, far] = sensor.range();
         let distance = (ranked.view.position - ranked.view.target).norm();
-        let reason = match predicted {
+        // A bridging view is none of the planner's.
+        let reason = match predicted && ranked.gain.is_some() {
             _ if !sensor.is_limited() => return None,
-            true if ranked.overlap.is_none() && ranked.gain.is_none_or(|gain| gain <= 0.0) => {
+            true if ranked.overlap.is_none() && ranked.gain.is_some_and(|gain| gain <= 0.0) => {
                 "no surface in its image within the sensor's range and angles".to_owned()
             }
             false if !sensor.reaches(distance) => {

@@ -294,6 +294,5 @@ fn travel(from: &Joints, to: &Joints) -> f64 {
     from.iter().zip(to).map(|(a, b)| (a - b).abs()).sum()
 }
 
-/// A point for reasons.
 #[cfg(test)]
 mod tests;

@@ -103,7 +103,7 @@ impl Registered {
         let [shift, rms] = [self.shift_m, self.rms_m].map(length);
         let weakest = self.weakest.map_or(String::new(), |motion| format!(", may most easily {motion}"));
         format!(
-            "{shift} and {:.2} degrees off, {:.0} % of it on the cloud within {rms} (lambda {:.1}{weakest})",
+            "{shift} and {:.2} degrees off, {:.0} % of it on the cloud, {rms} apart (lambda {:.1}{weakest})",
             self.turn_deg,
             100.0 * self.like_normals,
             self.lambda

@@ -9,6 +9,7 @@ mod decline;
 mod doubts;
 mod error;
 mod merging;
+mod mesh;
 mod missing;
 mod placing;
 mod ranking;
@@ -25,13 +26,13 @@ use crate::doubt::Offset;
 use crate::planners::auto::{AutoPlanner, Choice, Network};
 use crate::scan::{PreparedScan, Reading, Scan, ScanReport, prepare};
 use crate::stop::Stop;
-use crate::{Accumulate, Budget, Evidence, Plane, Planner, Reach, ScanState, Stopped};
+use crate::{Accumulate, Budget, Evidence, Plane, Planner, Reach, ScanState};
 use checking::Considered;
-use geometry::reconstruction::reconstruct_while;
-use geometry::{PointCloud, Reconstruction, reconstruct};
+use geometry::PointCloud;
 use nalgebra::{Isometry3, Point3};
-use ranking::{Ranking, rank};
+use ranking::Ranking;
 use std::sync::Arc;
+use table::given_support;
 
 pub use checking::{AskedView, Verdict, ViewCheck};
 pub use error::SessionError;
@@ -78,7 +79,7 @@ pub struct Session {
     /// Scans that could not be registered yet, and wait.
     aside: Vec<PreparedScan>,
     truth: Option<Truth>,
-    /// What the object stands on, once it is known.
+    /// What the object stands on: as it was given, or once it is found.
     support: Option<Plane>,
     /// The arm, made ready.
     reach: Option<Arc<Reach>>,
@@ -130,6 +131,7 @@ impl Session {
             support: None,
             reach: None,
         };
+        session.support = given_support(&session.config);
         session.place_views();
         session.rebuild();
         session
@@ -147,8 +149,22 @@ impl Session {
     /// A setting out of range: the old ones stay.
     pub fn configure(&mut self, config: SessionConfig) -> Result<(), SessionError> {
         config.check()?;
-        if self.config != config {
-            self.ranking = None;
+        if self.config == config {
+            return Ok(());
+        }
+        self.ranking = None;
+        let old = &self.config;
+        let stands = old.support == config.support;
+        let voxels = old.tolerance_m == config.tolerance_m
+            && old.working_distances() == config.working_distances()
+            && old.camera == config.camera;
+        if !(stands && voxels) {
+            self.planners.reset();
+            self.offsets.clear();
+        }
+        if !stands {
+            self.support = given_support(&config);
+            self.state.support = self.support;
         }
         self.planners.configure(&config);
         let merge = |c: &SessionConfig| (c.accumulate, c.max_points, c.seed);
@@ -190,11 +206,11 @@ impl Session {
         let refused = |refusal| SessionError::refused(refusal, least, &reading);
         let support = self.support.or_else(|| self.find_support(&scan));
         let (mut prepared, near) = prepare(scan, &self.config, support.as_ref(), budget).map_err(refused)?;
-        self.support = support;
         prepared.reading = reading;
         let number = self.num_scans() + 1;
         (prepared.number, prepared.merged_with) = (number, number);
         let merges = self.register(&mut prepared)?;
+        self.support = support;
         let report = prepared.report.clone();
         if !merges {
             self.ranking = None;
@@ -222,7 +238,7 @@ impl Session {
 
     /// Forgets all scans.
     pub fn reset(&mut self) {
-        self.support = None;
+        self.support = given_support(&self.config);
         self.scans.clear();
         self.aside.clear();
         self.offsets.clear();
@@ -239,23 +255,6 @@ impl Session {
     /// The accumulated cloud that is planned on.
     pub fn cloud(&self) -> &PointCloud {
         &self.state.cloud
-    }
-
-    /// The surface of that cloud as triangles: closed where it was measured all around, else with a rim where it ends.
-    pub fn mesh(&self) -> Reconstruction {
-        reconstruct(&self.state.cloud, self.state.grid_size)
-    }
-
-    /// The same within a budget.
-    ///
-    /// # Errors
-    /// It takes longer, or nobody waits for it.
-    pub fn mesh_within(&self, budget: &Budget) -> Result<Reconstruction, SessionError> {
-        let made = reconstruct_while(&self.state.cloud, self.state.grid_size, || !budget.is_spent());
-        match made {
-            Some(made) => Ok(made),
-            None => Err(budget.allows(false).err().unwrap_or(Stopped::Late).into()),
-        }
     }
 
     /// What the planners see.
@@ -286,31 +285,23 @@ impl Session {
             return Err(SessionError::NoScan);
         }
         self.compare_scans();
-        let constraints = &self.config.constraints;
-        let last = self.scans.last().and_then(PreparedScan::camera_position).map(|p| self.cell_from_object() * p);
-        let asked = request.current_position_m.or(constraints.current_position_m);
-        let current = asked.map(Point3::from).or(last);
-        if constraints.needs_current_position() && current.is_none() {
+        let current = request.current_position_m.map(Point3::from).or_else(|| self.camera_now());
+        if self.config.constraints.needs_current_position() && current.is_none() {
             return Err(SessionError::NoCurrentPosition);
         }
-        let (config, num_scans) = (&self.config, self.scans.len());
         let choice = self.planners.choose(&self.state)?;
-        let budget = &request.budget;
-        self.state.budget = budget.clone();
-        let ranking = match self.ranking.take() {
-            Some(known) => known,
-            None => {
-                let mut ranking = rank(&mut self.planners, &mut self.state, config, num_scans, choice.planner)?;
-                let least = ranking.views.iter().map(|(v, _)| v.score).fold(f64::INFINITY, f64::min);
-                let score = if least.is_finite() { least } else { 0.0 };
-                let distance = self.state.working_distance;
-                ranking.lately_added = decline::lately_added(&self.scans, &self.state);
-                ranking.views.extend(self.between().into_iter().map(|v| (crate::RankedView { score, ..v }, distance)));
-                ranking
-            }
-        };
-        let answer = self.answer(&ranking, choice, current, request);
-        self.ranking = Some(ranking).filter(|ranking| ranking.complete);
+        self.state.budget = request.budget.clone();
+        let before = request.budget.is_limited().then(|| self.planners.clone());
+        let answer = self.ranked(choice.planner).and_then(|ranking| {
+            let answer = self.answer(&ranking, choice, current, request);
+            self.ranking = Some(ranking).filter(|ranking| ranking.complete);
+            answer
+        });
+        // Where time did not suffice, what the planners remember stays as it was: the next answer is the one that would have been given had
+        // nobody asked before.
+        if let Some(before) = before.filter(|_| self.ranking.is_none()) {
+            self.planners = before;
+        }
         answer
     }
 
@@ -359,6 +350,8 @@ impl Session {
         let raised = added[0].is_some_and(|added| decline::heed(&mut candidates, missing.as_mut(), added));
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
         let mut stop = Stop::judge(&candidates, self.config.stop_below, raised, added);
+        // Of some views nothing follows for the others.
+        stop.stop &= ranking.complete;
         if let (Some(why), None) = (&doubt, stop.expected_gain) {
             stop.basis = format!("unknown: {why}");
         }

@@ -31,7 +31,8 @@ pub struct Missing {
     pub share: f64,
     /// Between which that is in nine of ten cases.
     pub between: [f64; 2],
-    /// What no view sees that may be taken: the underside of what stands on a table.
+    /// What no view that may be taken is expected to measure: the underside of what stands on a table, and part of what is in sight only at
+    /// a grazing angle or was looked at in vain.
     pub out_of_reach_share: f64,
     /// Its pieces, largest first; those under a thousandth of the whole are left out.
     pub holes: Vec<Hole>,

@@ -1,4 +1,4 @@
-//! What the object stands on: a plane, found in the first scan or given, that is taken away from all scans and that no camera goes under.
+//! What the object stands on: a plane, found in the first scan that shows it or given, that is taken away from all scans and that no camera goes under.
 
 use crate::config::ConfigError;
 use geometry::{DepthImage, PinholeCamera, rng};
@@ -27,7 +27,7 @@ pub enum Support {
     /// Nothing: all points are the object.
     #[default]
     None,
-    /// It is looked for in the first scan.
+    /// It is looked for in each scan until one shows it.
     Auto,
     /// It is this one.
     Plane(Plane),

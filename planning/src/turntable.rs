@@ -9,7 +9,7 @@ use crate::pose::rigid;
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Most stops, and stops times taught poses.
+/// Most stops.
 const MOST_STOPS: usize = 720;
 
 /// A turntable, in the cell's frame.

@@ -30,6 +30,8 @@ fn values_out_of_range_are_named() {
     assert_eq!(wrong(|c| c.tolerance_m = f64::NAN), "tolerance_m", "NaN");
     assert_eq!(wrong(|c| c.working_distance_range_m = Some([1.0, 0.5])), "working_distance_range_m", "reversed");
     assert_eq!(wrong(|c| c.max_points = 3), "max_points", "too few points");
+    assert_eq!(wrong(|c| c.pose.extra_roll_deg = f64::NAN), "pose.extra_roll_deg", "no angle");
+    assert_eq!(wrong(|c| c.region_m = Some([[0.0; 3], [1.0, 1.0, f64::INFINITY]])), "region_m", "endless");
     assert_eq!(wrong(|c| (c.camera.width, c.camera.height) = (16_384, 16_384)), "camera.width, camera.height");
     let wide = |c: &mut SessionConfig| {
         (c.working_distance_range_m, c.working_distance_steps, c.max_points) = (Some([0.5, 1.5]), 20, 200_000);

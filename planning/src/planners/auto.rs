@@ -241,11 +241,11 @@ impl AutoPlanner {
 
 fn volumetric_config(config: &SessionConfig) -> VolumetricConfig {
     let candidates = CandidateConfig { angles: Angles::All, ..Default::default() };
-    let workspace = config.region_m.map(|[low, high]| Workspace {
+    let bound = config.region_m.map(|[low, high]| Workspace {
         center_m: [0, 1, 2].map(|k| (low[k] + high[k]) / 2.0),
         half_m: [0, 1, 2].map(|k| (high[k] - low[k]) / 2.0).into_iter().fold(0.0, f64::max),
     });
-    VolumetricConfig { candidates, workspace, ..Default::default() }
+    VolumetricConfig { candidates, bound, ..Default::default() }
 }
 
 impl Planner for AutoPlanner {

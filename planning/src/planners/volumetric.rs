@@ -64,6 +64,9 @@ pub struct VolumetricConfig {
     pub presume_background: bool,
     /// The workspace; absent: around the cloud, again whenever that outgrows it.
     pub workspace: Option<Workspace>,
+    /// A cube beyond which nothing was kept of any scan: the workspace, where that around the cloud would be larger. Not a setting.
+    #[serde(skip)]
+    pub bound: Option<Workspace>,
 }
 
 impl Default for VolumetricConfig {
@@ -77,6 +80,7 @@ impl Default for VolumetricConfig {
             voxel_px: 3.5,
             presume_background: true,
             workspace: None,
+            bound: None,
         }
     }
 }
@@ -202,7 +206,8 @@ impl VolumetricPlanner {
             let away = |s: &PastScan| middle - Point3::from(s.world_from_camera.translation.vector);
             let directions = state.scans.iter().map(|s| away(s).try_normalize(0.0).unwrap_or_default());
             let mean = directions.sum::<Vector3<f64>>() / state.scans.len().max(1) as f64;
-            Workspace { center_m: (middle + mean * (0.2 * diagonal)).into(), half_m: 0.75 * diagonal }
+            let around = Workspace { center_m: (middle + mean * (0.2 * diagonal)).into(), half_m: 0.75 * diagonal };
+            self.config.bound.filter(|bound| bound.half_m < around.half_m).unwrap_or(around)
         });
         let pixel = state.camera.pixel_size(state.working_distance).max(state.grid_size);
         let voxel = (2.0 * state.tolerance).max(pixel).min(self.config.voxel_px * pixel).max(f64::MIN_POSITIVE);
@@ -341,8 +346,7 @@ impl Planner for VolumetricPlanner {
     }
 
     fn reset(&mut self) {
-        self.grid = None;
-        self.carved.clear();
+        *self = Self::new(std::mem::take(&mut self.config));
     }
 }
 

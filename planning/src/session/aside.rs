@@ -1,6 +1,7 @@
 //! Scans that could not be registered yet: kept aside, and tried again after each that is merged.
 
 use super::Session;
+use super::table::given_support;
 use crate::registration::AfterAlarm;
 use crate::scan::PreparedScan;
 use nalgebra::Point3;
@@ -9,6 +10,11 @@ use nalgebra::Point3;
 const MOST_BRIDGES: usize = 2;
 
 impl Session {
+    /// The scan that came last, merged or not.
+    pub(super) fn latest(&self) -> Option<&PreparedScan> {
+        self.scans.iter().chain(&self.aside).max_by_key(|scan| scan.number)
+    }
+
     /// Whether a scan that cannot be registered waits for others.
     pub(super) fn keeps_aside(&self) -> bool {
         self.config.registration.after_alarm == AfterAlarm::Bridge
@@ -64,16 +70,20 @@ impl Session {
         self.aside.extend(go.into_iter().map(PreparedScan::unmoved));
         self.aside.retain(|scan| scan.number <= count);
         self.aside.sort_by_key(|scan| scan.number);
-        self.offsets.truncate(self.scans.len());
-        self.support = self.support.filter(|_| !self.scans.is_empty());
+        self.offsets.clear();
+        self.unregistered.clear();
+        if self.scans.is_empty() {
+            self.support = given_support(&self.config);
+        }
     }
 
     /// A sentence for each scan that waits.
     pub(super) fn waiting(&self) -> Vec<String> {
         let tell = |scan: &PreparedScan| {
-            let why = scan.report.registration.as_ref()?.refused.as_ref()?;
-            Some(format!("scan {} is kept aside and tried again after each scan that is merged: {why}", scan.number))
+            let why = scan.report.registration.as_ref().and_then(|found| found.refused.as_ref());
+            let why = why.map_or_else(String::new, |why| format!(": {why}"));
+            format!("scan {} is kept aside and tried again after each scan that is merged{why}", scan.number)
         };
-        self.aside.iter().filter_map(tell).collect()
+        self.aside.iter().map(tell).collect()
     }
 }

@@ -105,7 +105,7 @@ impl Bridging<'_> {
         most.map(|(_, i, number)| (i, number))
     }
 
-    /// The scan that a view helps most, and its lambda without and with it; `None` for a view that may itself not be registered.
+    /// The scan that a view holds best, and its lambda without and with it; `None` for a view that may itself not be registered.
     fn value(&self, view: &View) -> Option<(usize, f64, f64)> {
         let state = &self.session.state;
         let own = self.demand.predict(state, view, &self.frame);

@@ -56,7 +56,10 @@ impl Session {
                 ));
             }
         }
-        for number in self.planners.scans_with_distrusted_misses() {
+        // A scan may be several to the planner: a line scanner's.
+        let numbers: Vec<usize> = self.scans.iter().flat_map(|s| s.past.iter().map(|_| s.number)).collect();
+        let distrusted = self.planners.scans_with_distrusted_misses();
+        for number in distrusted.into_iter().filter_map(|i| numbers.get(i - 1)) {
             doubts.push(format!(
                 "scan {number} has pixels without a return where other scans saw surface: its misses are not treated as free space (misses, --misses unknown)"
             ));

@@ -15,9 +15,9 @@ const GRAZING: f64 = 0.1;
 
 impl Session {
     /// Points of the surface that was expected where nothing is known, when this answer was given; none where its planner does
-    /// not make that out. World frame, about a voxel apart.
+    /// not make that out or had no time to. World frame, about a voxel apart.
     pub fn expected_surface(&self, answer: &Answer) -> Vec<ExpectedPoint> {
-        let volumetric = answer.planner == PlannerName::Volumetric.as_str();
+        let volumetric = answer.complete && answer.planner == PlannerName::Volumetric.as_str();
         if volumetric { self.planners.expected_surface(PlannerName::Volumetric) } else { Vec::new() }
     }
 
@@ -41,7 +41,7 @@ impl Session {
     fn made_out(&self, planner: PlannerName, candidates: &[Candidate], mut cell: Cell) -> Option<(Missing, Surface)> {
         let surface = self.planners.surface(planner)?;
         let pose = |c: &Candidate| match c.given {
-            Some(i) => self.given_views[i],
+            Some(_) => c.pose(),
             None => View { target: c.target_m.into(), position: c.position_m.into() }.world_from_camera(),
         };
         let allowed: Vec<(usize, Isometry3<f64>)> =

@@ -24,7 +24,7 @@ pub(super) struct Cell<'a> {
     /// Where the camera may go: the settings', or those that hold in the end.
     pub limits: ConstraintsConfig,
     pub known: Surroundings<'a>,
-    /// Positions scanned from, where views are given: object's frame.
+    /// Positions scanned from, where views are given, as the robot told them: object's frame.
     pub scanned: Vec<Point3<f64>>,
     /// The table's angle at the last scan, degrees.
     pub table_deg: f64,
@@ -68,7 +68,8 @@ impl Session {
     pub(super) fn cell(&self, current: Option<Point3<f64>>, planner: PlannerName) -> Cell<'_> {
         let (config, state) = (&self.config, &self.state);
         let positions: Vec<Point3<f64>> = self.scans.iter().filter_map(PreparedScan::camera_position).collect();
-        let scanned = if state.given_views.is_empty() { Vec::new() } else { positions.clone() };
+        let as_given = self.scans.iter().filter_map(PreparedScan::position_given);
+        let scanned = if state.given_views.is_empty() { Vec::new() } else { as_given.collect() };
         let visited = config.constraints.visited_m.iter().map(|p| Point3::from(*p));
         let (low, high) = state.cloud.bounding_box();
         let avoid = config.robot.as_ref().is_some_and(|r| r.avoid_unknown);

@@ -1,6 +1,6 @@
 //! What a planner says of a session's state, asked once for all requests.
 
-use super::SessionError;
+use super::{Session, SessionError, decline};
 use crate::config::{PlannerName, RankBy, SessionConfig};
 use crate::planners::auto::AutoPlanner;
 use crate::{PlanError, RankedView, ScanState};
@@ -11,34 +11,33 @@ use geometry::{BoundaryConfig, boundary_points, rng};
 pub(super) struct Ranking {
     pub(super) views: Vec<(RankedView, f64)>,
     pub(super) boundary: usize,
-    /// Share of the cloud that the last scan alone measured.
+    /// Share of the cloud that the last scan alone measured, and the last two.
     pub(super) lately_added: [Option<f64>; 2],
     /// Whether time sufficed for all of them.
     pub(super) complete: bool,
 }
 
-/// Asks a planner at every working distance. Where time does not suffice for all, what the planners remember stays as it was:
-/// the next answer is the one that would have been given had nobody asked before.
+impl Session {
+    /// What the planner says of the state as it is.
+    pub(super) fn ranked(&mut self, planner: PlannerName) -> Result<Ranking, SessionError> {
+        if let Some(known) = self.ranking.take() {
+            return Ok(known);
+        }
+        let mut ranking = rank(&mut self.planners, &mut self.state, &self.config, self.scans.len(), planner)?;
+        let least = ranking.views.iter().map(|(v, _)| v.score).fold(f64::INFINITY, f64::min);
+        let score = if least.is_finite() { least } else { 0.0 };
+        let distance = self.state.working_distance;
+        ranking.lately_added = decline::lately_added(&self.scans, &self.state);
+        ranking.views.extend(self.between().into_iter().map(|v| (RankedView { score, ..v }, distance)));
+        Ok(ranking)
+    }
+}
+
+/// Asks a planner at every working distance.
 ///
 /// # Errors
 /// A planner that fails, has no view though the surface is open, or is stopped.
-pub(super) fn rank(
-    planners: &mut AutoPlanner,
-    state: &mut ScanState,
-    config: &SessionConfig,
-    num_scans: usize,
-    planner: PlannerName,
-) -> Result<Ranking, SessionError> {
-    let before = state.budget.is_limited().then(|| planners.clone());
-    let ranking = rank_all(planners, state, config, num_scans, planner);
-    let stopped = ranking.as_ref().map_or_else(|e| matches!(e, SessionError::Stopped(_)), |r| !r.complete);
-    if let Some(before) = before.filter(|_| stopped) {
-        *planners = before;
-    }
-    ranking
-}
-
-fn rank_all(
+fn rank(
     planners: &mut AutoPlanner,
     state: &mut ScanState,
     config: &SessionConfig,

@@ -139,8 +139,8 @@ impl Cell<'_> {
         let most = views.iter_mut().rev().filter(only_rule).max_by(|a, b| overlap(a).total_cmp(&overlap(b)))?;
         most.places[0].objections.clear();
         Some(format!(
-            "no view shows as much known surface as this robot's accuracy asks for ({:.0} % of its scan, less {:.0} that it may be \
-             missed by): the next view shows the most, {:.0} %, and its scan may not register",
+            "no view shows as much known surface as this robot's accuracy asks for ({:.0} % of its scan, and {:.0} more since it may be \
+             missed by that): the next view shows the most, {:.0} %, and its scan may not register",
             100.0 * demand.least_overlap(),
             100.0 * overlap::margin(self.scans),
             100.0 * overlap(most)
@@ -170,9 +170,16 @@ pub fn repeats(view: &View, unregistered: &[Point3<f64>]) -> bool {
 }
 
 impl PreparedScan {
+    /// Where the camera was by the pose that came with the scan, if that is known.
+    pub(super) fn position_given(&self) -> Option<Point3<f64>> {
+        let moved = self.report.registration.as_ref().filter(|_| self.moved);
+        let position = self.camera_position()?;
+        Some(moved.map_or(position, |found| found.correction.inverse() * position))
+    }
+
     /// As it came, before it was moved onto the cloud.
     pub(super) fn unmoved(mut self) -> Self {
-        if let Some(found) = self.report.registration.as_ref().filter(|_| self.moved) {
+        if let Some(found) = self.report.registration.take_if(|_| self.moved) {
             let back = found.correction.inverse();
             self.move_by(&back);
             self.moved = false;

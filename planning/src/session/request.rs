@@ -6,7 +6,7 @@ use crate::Budget;
 /// What one request says beside the settings.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
-    /// Where the camera is now, world frame, metres; else as the settings say, else where the last scan was taken.
+    /// Where the camera is now, in the cell, metres; else as the settings say, else where the last scan was taken.
     pub current_position_m: Option<[f64; 3]>,
     /// How long it may take.
     pub budget: Budget,

@@ -4,7 +4,7 @@
 use super::Session;
 use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
-use crate::pose::rigid;
+use crate::scan::PreparedScan;
 use crate::turntable::turn_between_deg;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -45,18 +45,15 @@ pub struct PlannedView {
 
 impl Session {
     /// At most `most` of the views that `answer` allows, the greedy choice: each sees most of the expected surface that those before it
-    /// do not see. `None` where the planner that answered does not make out what is missing. It is of the state at that answer.
+    /// do not see. `None` where the planner that answered does not make out what is missing, or had no time to. It is of the state at that answer.
     pub fn scan_plan(&self, answer: &Answer, most: usize) -> Option<ScanPlan> {
-        let told = answer.surface.filter(|_| answer.planner == PlannerName::Volumetric.as_str())?;
+        let told = answer.surface.filter(|_| answer.complete && answer.planner == PlannerName::Volumetric.as_str())?;
         let missing = told.expected_m2 / (told.known_m2 + told.expected_m2).max(f64::MIN_POSITIVE);
         // Gains are shares of what the membrane makes out; the whole that is missing is told from that (stop.rs).
         let surface = self.planners.surface(PlannerName::Volumetric)?;
         let whole = (surface.known_m2 + surface.expected_m2).max(f64::MIN_POSITIVE);
         let allowed: Vec<&Candidate> = answer.candidates.iter().filter(|c| c.objections.is_empty()).collect();
-        let pose = |c: &&Candidate| {
-            rigid(&c.world_from_camera.matrix).map_or_else(|_| Isometry3::identity(), |(pose, _)| pose)
-        };
-        let poses: Vec<Isometry3<f64>> = allowed.iter().map(pose).collect();
+        let poses: Vec<Isometry3<f64>> = allowed.iter().map(|c| c.pose()).collect();
         let (seen, areas) = self.planners.seen_of_expected(&self.state, &poses);
         let all = (areas.iter().map(|[area, _]| area).sum::<f64>() / whole).max(f64::MIN_POSITIVE);
         // Of each part, what a view is believed to measure of it.
@@ -74,7 +71,7 @@ impl Session {
             let alike = chosen.iter().map(|&(i, _): &(usize, f64)| axis(i).dot(&axis(best))).fold(-1.0, f64::max);
             chosen.push((best, looks.take(&seen[best], (1.0 - alike).min(1.0))));
         }
-        let from = (self.last_position(), self.table_deg());
+        let from = (self.camera_now(), self.table_deg());
         let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| stop(allowed[i], from.1)).collect();
         let order = by_travel(from, &stops);
         let found = believed.iter().sum::<f64>() - looks.unseen();
@@ -92,9 +89,11 @@ impl Session {
         Some(plan)
     }
 
-    /// Where the last camera stood, in the cell.
-    fn last_position(&self) -> Option<Point3<f64>> {
-        self.scans.last().and_then(|scan| scan.camera_position()).map(|p| self.cell_from_object() * p)
+    /// Where the camera is, in the cell: as the settings say, else where the last scan was taken.
+    pub(super) fn camera_now(&self) -> Option<Point3<f64>> {
+        let told = self.config.constraints.current_position_m.map(Point3::from);
+        let last = || self.latest().and_then(PreparedScan::camera_position).map(|p| self.cell_from_object() * p);
+        told.or_else(last)
     }
 }
 

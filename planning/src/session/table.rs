@@ -1,7 +1,7 @@
 //! Views that are given, and the turntable that they, and scans, turn on.
 
 use super::{Session, SessionError};
-use crate::{Plane, Planner, Reach, Reading, Scan, Support, support};
+use crate::{Plane, Planner, Reach, Reading, Scan, SessionConfig, Support, support};
 use nalgebra::Isometry3;
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -28,22 +28,19 @@ impl Session {
         self.reach = self.config.robot.as_ref().map(|robot| Arc::new(Reach::new(robot)));
     }
 
-    /// What the object stands on: given, or found in a first scan.
+    /// What the object stands on, where it is looked for and this scan shows it.
     pub(super) fn find_support(&self, scan: &Scan) -> Option<Plane> {
-        match self.config.support {
-            Support::None => None,
-            Support::Plane(plane) => Some(plane),
-            Support::Auto => {
-                let points = match scan {
-                    Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => Cow::Borrowed(&cloud.points),
-                    Scan::Depth { camera, depth, world_from_camera, .. } => {
-                        Cow::Owned(depth.to_points(camera, world_from_camera))
-                    }
-                };
-                let tolerance = self.config.tolerance_m.max(0.5 * self.config.support_margin_m);
-                support::find(&points, &self.config.constraints.up(), tolerance, self.config.seed)
-            }
+        if self.config.support != Support::Auto {
+            return None;
         }
+        let points = match scan {
+            Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => Cow::Borrowed(&cloud.points),
+            Scan::Depth { camera, depth, world_from_camera, .. } => {
+                Cow::Owned(depth.to_points(camera, world_from_camera))
+            }
+        };
+        let tolerance = self.config.tolerance_m.max(0.5 * self.config.support_margin_m);
+        support::find(&points, &self.config.constraints.up(), tolerance, self.config.seed)
     }
 
     /// What the object stands on, as far as it is known.
@@ -53,7 +50,9 @@ impl Session {
 
     /// The table's angle at the last scan that has one, degrees.
     pub(super) fn table_deg(&self) -> f64 {
-        self.scans.iter().rev().find_map(|scan| scan.reading.table_angle_deg).unwrap_or(0.0)
+        let scans = self.scans.iter().chain(&self.aside);
+        let last = scans.filter(|scan| scan.reading.table_angle_deg.is_some()).max_by_key(|scan| scan.number);
+        last.and_then(|scan| scan.reading.table_angle_deg).unwrap_or(0.0)
     }
 
     /// Where the object's frame is in the cell's at that angle.
@@ -69,5 +68,13 @@ impl Session {
             (None, Some(angle)) => Err(SessionError::NoTurntable(angle)),
             (Some(table), Some(angle)) => Ok(scan.moved(&table.cell_from_object(angle).inverse())),
         }
+    }
+}
+
+/// What the object stands on, where the settings say it.
+pub(super) fn given_support(config: &SessionConfig) -> Option<Plane> {
+    match config.support {
+        Support::Plane(plane) => Some(plane),
+        Support::None | Support::Auto => None,
     }
 }

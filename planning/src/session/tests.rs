@@ -160,6 +160,9 @@ fn the_best_so_far_is_an_answer_that_says_so() {
     assert!(session.next_view_for(&late(3)) == Err(SessionError::Stopped(Stopped::Late)), "no view was scored yet");
     let some = session.next_view_for(&late(30)).expect("some views were scored");
     assert!(!some.complete && some.candidates.len() < all.candidates.len() && some.next.is_some(), "{some:?}");
+    let measured = |answer: &Answer| answer.surface.expect("made out").known_m2;
+    assert!((measured(&some) / measured(&all) - 1.0).abs() < 1e-9 && !some.stop.stop, "of this state: {some:?}");
+    assert!(session.scan_plan(&some, 3).is_none() && session.expected_surface(&some).is_empty(), "and no longer known");
     let known = |c: &Candidate| all.candidates.iter().any(|a| a.position_m == c.position_m);
     assert!(some.candidates.iter().all(known), "each as in the whole answer");
     assert!(session.next_view() == Ok(all), "and it is not kept for the next request");
@@ -333,4 +336,39 @@ fn a_mesh_is_given_up_at_its_deadline() {
         let given_up = session.mesh_within(&budget(100, left)).expect_err("no time left");
         assert!(matches!(given_up, SessionError::Stopped(stopped) if stopped == why), "{given_up}");
     }
+}
+
+#[test]
+fn a_region_much_larger_than_the_object_changes_no_number() {
+    let answer = |region_m| {
+        let config = SessionConfig { region_m, planner: PlannerName::Volumetric, ..Default::default() };
+        let answer = session(40, config).next_view().expect("an answer");
+        (answer.next.expect("open").position_m, answer.stop.expected_gain, answer.missing.expect("made out").share)
+    };
+    assert_eq!(answer(None), answer(Some([[-2.0; 3], [2.0; 3]])));
+    let tight = answer(Some([[-0.01, -0.01, -0.02], [0.11, 0.11, 0.02]]));
+    assert!(tight != answer(None), "what was cut away bounds the object");
+}
+
+#[test]
+fn another_support_holds_from_the_next_answer_on() {
+    let mut session = session(40, SessionConfig::default());
+    let mut on = |support: crate::Support| {
+        session.configure(SessionConfig { support, ..session.config().clone() }).expect("in range");
+        session.next_view().expect("an answer").support
+    };
+    let plane = |offset: f64| crate::Support::plane([0.0, 0.0, 1.0, offset]);
+    assert_eq!(on(plane(-0.02)).map(|p| p.offset_m), Some(-0.02));
+    assert_eq!(on(plane(-0.05)).map(|p| p.offset_m), Some(-0.05));
+    assert_eq!(on(crate::Support::None), None);
+}
+
+#[test]
+fn answers_do_not_depend_on_the_settings_before() {
+    let fine = SessionConfig { tolerance_m: 5e-4, planner: PlannerName::Volumetric, ..Default::default() };
+    let mut changed = session(40, SessionConfig { tolerance_m: 4e-3, ..fine.clone() });
+    changed.next_view().expect("an answer");
+    changed.configure(fine.clone()).expect("in range");
+    let (then, at_once) = (changed.next_view().expect("an answer"), session(40, fine).next_view().expect("an answer"));
+    assert_eq!((then.surface, then.next), (at_once.surface, at_once.next));
 }

@@ -153,3 +153,26 @@ fn an_angle_without_a_table_is_refused() {
     let refused = session.add_scan_within(seen(&table(), 0.0).0, reading, &Default::default());
     assert_eq!(refused, Err(SessionError::NoTurntable(30.0)));
 }
+
+#[test]
+fn what_is_missing_does_not_depend_on_whether_the_table_or_the_camera_turns() {
+    let table = TurntableConfig { step_deg: 90.0, ..table() };
+    let taught = rigid(&fixed()).expect("a pose").0;
+    let asked = |turntable: Option<TurntableConfig>, views: Vec<Isometry3<f64>>| {
+        let config = SessionConfig { turntable, working_distance_m: 0.58, ..Default::default() };
+        let mut session = Session::new(config, None).expect("in range");
+        session.set_given_views(views);
+        session.add_scan(seen(&table, 0.0).0).expect("a scan");
+        session.next_view().expect("an answer")
+    };
+    let (turned, around) = (asked(Some(table.clone()), vec![taught]), asked(None, table.views(&[taught])));
+    let (a, b) = (turned.missing.expect("made out"), around.missing.expect("made out"));
+    assert!(
+        (a.share - b.share).abs() < 1e-6 && (a.out_of_reach_share - b.out_of_reach_share).abs() < 1e-6,
+        "{a:?} {b:?}"
+    );
+    assert!(a.share > 0.2, "{a:?}");
+    let seen_by = |answer: &[crate::Hole]| answer.iter().map(|hole| hole.within_reach).collect::<Vec<_>>();
+    let close = seen_by(&a.holes).iter().zip(seen_by(&b.holes)).all(|(a, b)| (a - b).abs() < 1e-6);
+    assert!(close && a.holes.len() == b.holes.len(), "{a:?} {b:?}");
+}

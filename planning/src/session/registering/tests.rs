@@ -1,7 +1,7 @@
 use super::*;
 use crate::registration::{AfterAlarm, Registrability, RegistrationConfig};
 use crate::{Scan, SessionConfig};
-use geometry::PointCloud;
+use geometry::{PointCloud, View};
 use nalgebra::{Translation3, UnitQuaternion};
 
 /// Three sides of a box, 80 mm long, as seen from a corner, or a part of it.
@@ -83,6 +83,22 @@ fn refine_moves_the_scan_and_its_camera() {
     let answer = session.next_view().expect("a view");
     assert!(answer.registrations[0].moved);
     assert!(answer.warnings.iter().any(|w| w.contains("scan 2 was moved by")), "{:?}", answer.warnings);
+}
+
+#[test]
+fn a_given_view_is_scanned_where_the_robot_was_sent_not_where_registration_found_it() {
+    let (mut session, _) = two_scans(with(Register::Refine));
+    let sent = off() * camera();
+    assert!((session.scans[1].camera_position().expect("known") - sent).norm() > 3e-3, "it was moved");
+    assert!((session.scans[1].position_given().expect("known") - sent).norm() < 1e-6);
+    let target = Point3::new(0.04, 0.04, 0.04);
+    let ahead = target + (sent - target).normalize() * session.config.working_distance_m;
+    let pose = View { target, position: sent }.world_from_camera();
+    let other = View { target, position: target - (ahead - target) }.world_from_camera();
+    session.set_given_views(vec![pose, other]);
+    let candidates = session.next_view().expect("an answer").candidates;
+    let ruled_out = |given: usize| candidates.iter().any(|c| c.given == Some(given) && !c.objections.is_empty());
+    assert!(ruled_out(0) && !ruled_out(1), "{candidates:?}");
 }
 
 #[test]
