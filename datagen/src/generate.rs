@@ -9,6 +9,7 @@ mod object;
 
 use crate::config::DatagenConfig;
 use crate::dataset::{DatasetError, Object};
+use crate::output::{OutputError, OutputKind, check_output};
 use formats::lock::{LOCK, Lock, LockError};
 use formats::run::{RunDir, RunError};
 use formats::{ConfigError, FormatError, ObjectRecord, ObjectStatus};
@@ -34,6 +35,9 @@ pub enum GenerateError {
     /// The run directory cannot be made.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// The directory holds the output of another program.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// The directory holds a set made with other settings.
     #[error(
         "{out:?} contains a set made with different settings:\n{differences}give another --out, or delete it to start over"
@@ -81,8 +85,8 @@ pub struct Summary {
     pub left: usize,
     /// Samples in the shards of this process.
     pub samples: usize,
-    /// Sum of the final coverages, for the mean.
-    pub final_coverage: f64,
+    /// Mean final coverage of the objects in these shards, in [0, 1]; absent where there is none.
+    pub final_coverage: Option<f64>,
     /// First views drawn again.
     pub void_episodes: usize,
 }
@@ -158,6 +162,7 @@ pub fn generate(
 
     let mut summary = Summary { damaged: std::mem::take(&mut lock(&damaged)), ..Summary::default() };
     summary.damaged.sort();
+    let mut final_coverages = vec![];
     for (object, outcome) in mine.iter().zip(outcomes) {
         match outcome {
             Outcome::Left => summary.left += 1,
@@ -168,10 +173,13 @@ pub fn generate(
                 if let ObjectStatus::Done { samples, coverage, void_episodes, .. } = record.status {
                     summary.samples += samples;
                     summary.void_episodes += void_episodes;
-                    summary.final_coverage += coverage.last().copied().unwrap_or(0.0);
+                    final_coverages.extend(coverage.last().copied());
                 }
             }
         }
+    }
+    if !final_coverages.is_empty() {
+        summary.final_coverage = Some(final_coverages.iter().sum::<f64>() / final_coverages.len() as f64);
     }
     Ok(summary)
 }
@@ -190,16 +198,18 @@ pub struct Prepared {
     _lock: Lock,
 }
 
-/// Makes the run directory: refuses one that holds a set of other settings, or of which another process makes the
-/// same part; stores the settings.
+/// Makes the run directory: refuses one that holds the output of another program or a set of other settings, or of which
+/// another process makes the same part; stores the settings.
 ///
 /// # Errors
-/// Other settings, with what differs; another process; what the operating system refuses.
+/// Another program's output; other settings, with what differs; another process; what the operating system refuses.
 pub fn prepare(job: &Job, program: &str) -> Result<Prepared, GenerateError> {
     let name = match job.part {
         Part::WHOLE => "run.toml".to_owned(),
         Part { index, count } => format!("run-{index}-of-{count}.toml"),
     };
+    // Before anything is written, the lock included.
+    check_output(job.out, OutputKind::DataSet)?;
     manifest::locked(job.out, || {
         let stored = job.out.join("config.toml");
         if stored.exists() {

@@ -2,6 +2,7 @@
 
 use crate::dataset::{Object, Source, SplitChoice, assign_splits};
 use crate::generate::{Part, lock_part, shard_path};
+use crate::output::{OutputError, OutputKind, check_output};
 use formats::frame_history::{Frame, NUM_VIEWS, read_frame_history, write_frame_history};
 use formats::lock::LockError;
 use formats::manifest::MANIFEST;
@@ -33,6 +34,9 @@ pub enum HistoryError {
     /// Another process writes to the directory.
     #[error(transparent)]
     Lock(#[from] LockError),
+    /// The directory holds the output of another program.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Two files would become one object.
     #[error("{first:?} and {second:?} have the same name {name:?}, ignoring case; rename one")]
     SameName {
@@ -56,8 +60,8 @@ pub enum HistoryError {
 /// Frame histories as a set. What they do not say stays NaN: coverage and overlap.
 ///
 /// # Errors
-/// The first file that is no frame history, with the frame; two files of one name; a directory with another set, or in use;
-/// what cannot be written.
+/// The first file that is no frame history, with the frame; two files of one name; a directory with another set or the output
+/// of another program, or in use; what cannot be written.
 pub fn import(
     inputs: &[PathBuf],
     out: &Path,
@@ -66,6 +70,7 @@ pub fn import(
     commit: &str,
 ) -> Result<Manifest, HistoryError> {
     let objects = assign_splits(objects(inputs)?, SplitChoice::Train, seed, validation_share);
+    check_output(out, OutputKind::DataSet)?;
     let files = || {
         objects.iter().filter_map(|object| match &object.source {
             Source::File(path) => Some((object, path)),

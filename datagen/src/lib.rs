@@ -8,6 +8,7 @@ pub mod generate;
 pub mod history;
 pub mod inspect;
 pub mod noise;
+pub mod output;
 mod part;
 pub mod pose_error;
 pub mod procedural;
@@ -29,6 +30,7 @@ pub use episode::{
     run_episode_with, run_session,
 };
 pub use noise::NoiseConfig;
+pub use output::{OutputError, OutputKind, check_output};
 pub use pose_error::PoseErrorConfig;
 pub use recording::Recording;
 pub use registration::{EpisodeRegistration, RegistrationOutcome};

@@ -99,11 +99,11 @@ fn print_summary(summary: &Summary, out: &std::path::Path, seconds: f64) -> Resu
         summary.made,
         summary.kept
     );
-    if objects > 0 {
-        let mean = 100.0 * summary.final_coverage / objects as f64;
+    if let Some(mean) = summary.final_coverage {
         let _ = writeln!(
             text,
-            "final coverage {mean:.1} % on average; {} void first views drawn again",
+            "final coverage {:.1} % on average; {} void first views drawn again",
+            100.0 * mean,
             summary.void_episodes
         );
     }

@@ -68,6 +68,12 @@ fn same_bytes_whatever_threads_parts_kills_and_full_disks() {
     let whole = home.join("whole");
     let text = succeed(datagen(home).args(SMALL).args(["--jobs", "1", "--out", "whole"]));
     assert!(text.contains("5 objects") && text.contains("5/5 objects"), "{text}");
+    // The same mean for people and for programs.
+    let json = succeed(datagen(home).args(SMALL).args(["--json", "--out", "whole"]));
+    let summary: serde_json::Value = serde_json::from_str(json.lines().next().unwrap()).unwrap();
+    let mean = summary["final_coverage"].as_f64().unwrap();
+    let told = format!("final coverage {:.1} % on average", 100.0 * mean);
+    assert!(summary["kept"] == 5 && mean <= 1.0 && text.contains(&told), "{json} {text}");
 
     succeed(datagen(home).args(SMALL).args(["--jobs", "2", "--out", "threads"]));
     same(&whole, &home.join("threads"), "two threads");
@@ -278,6 +284,26 @@ fn wrong_settings_name_their_origin() {
         assert!(code == Some(2) && text.contains(word), "{arguments:?}: {text}");
     }
     assert!(!home.join("runs").exists() && !home.join("x").exists(), "nothing is made by a start that fails");
+}
+
+#[test]
+fn the_run_of_another_program_is_left_as_it_is() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    for (file, kind) in [("latest/training.toml", "a run of `train`"), ("journal.jsonl", "a run of `evaluate`")] {
+        let out = home.join("out");
+        std::fs::create_dir_all(out.join(file).parent().unwrap()).unwrap();
+        std::fs::write(out.join(file), "").unwrap();
+        std::fs::write(out.join("config.toml"), "[optimizer]\nlearning_rate = 1.0\n").unwrap();
+        let (code, text) = run(datagen(home).args(SMALL).args(["--out", "out"]));
+        assert_eq!(code, Some(1), "{text}");
+        assert!(
+            text.contains(&format!("\"out\" contains {kind} ({file})")) && text.contains("another --out"),
+            "{text}"
+        );
+        assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2, "not even a lock is added");
+        std::fs::remove_dir_all(&out).unwrap();
+    }
 }
 
 #[test]

@@ -76,6 +76,16 @@ pub enum CheckpointError {
         /// Checksum that was recorded.
         expected: String,
     },
+    /// Something else lies where a checkpoint is to be saved.
+    #[error(
+        "{place}: {found}, which saving a checkpoint there would delete; name a directory that is absent, empty, or a checkpoint and nothing else"
+    )]
+    Occupied {
+        /// Where.
+        place: String,
+        /// What lies there.
+        found: String,
+    },
     /// The weights do not fit.
     #[error(transparent)]
     Weights(#[from] WeightsError),
@@ -96,7 +106,63 @@ impl<C> Checkpoint<C> {
     }
 }
 
+/// Whether a place that a user named may be given to [`save`]: it is absent, an empty directory, or a directory with the files
+/// that [`save`] writes and nothing else (in `latest/` of a run of `train` there is more). So must be what an interrupted save
+/// left beside it.
+///
+/// # Errors
+/// What else is there, by name.
+pub fn check_replaceable(directory: &Path) -> Result<(), CheckpointError> {
+    for place in [Some(directory.to_path_buf()), aside_of(directory)].into_iter().flatten() {
+        let odd =
+            |(name, is_folder): &(String, bool)| *is_folder || ![WEIGHTS, DESCRIPTION, SUMS].contains(&name.as_str());
+        if let Some((name, _)) = entries(&place)?.into_iter().find(odd) {
+            return Err(occupied(&place, format!("it contains {name:?}")));
+        }
+    }
+    Ok(())
+}
+
+/// Before a directory is replaced, whoever asks: it is empty, or has a file of a checkpoint. A checkpoint to which something was
+/// added passes; no training ends for that.
+fn check_is_none_of_others(directory: &Path, more: &[(&str, &[u8])]) -> Result<(), CheckpointError> {
+    let entries = entries(directory)?;
+    let own = |name: &str| [WEIGHTS, DESCRIPTION, SUMS].contains(&name) || more.iter().any(|(file, _)| *file == name);
+    match entries.first() {
+        Some((first, _)) if !entries.iter().any(|(name, is_folder)| !is_folder && own(name)) => {
+            Err(occupied(directory, format!("it is no checkpoint and contains {first:?}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// What a directory contains, sorted, and whether each is a directory; nothing where there is none.
+fn entries(directory: &Path) -> Result<Vec<(String, bool)>, CheckpointError> {
+    let io = |cause| CheckpointError::Io { file: format!("{directory:?}"), cause };
+    match fs::metadata(directory) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(io(error)),
+        Ok(found) if !found.is_dir() => return Err(occupied(directory, "it is a file".to_owned())),
+        Ok(_) => {}
+    }
+    let mut found = Vec::new();
+    for entry in fs::read_dir(directory).map_err(io)? {
+        let entry = entry.map_err(io)?;
+        let is_folder = entry.file_type().map_err(io)?.is_dir();
+        found.push((entry.file_name().to_string_lossy().into_owned(), is_folder));
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn occupied(place: &Path, found: String) -> CheckpointError {
+    CheckpointError::Occupied { place: format!("{place:?}"), found }
+}
+
 /// Writes the checkpoint to the directory, replacing an older one.
+///
+/// # Errors
+/// A directory of something else, which stays as it is ([`check_replaceable`] is stricter); what the operating system refuses.
 pub fn save<N: Network>(directory: &Path, net: &N, info: &Checkpoint<N::Config>) -> Result<(), CheckpointError> {
     save_with(directory, net, info, &[])
 }
@@ -113,6 +179,7 @@ pub fn save_with<N: Network>(
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
         _ => PathBuf::from("."),
     };
+    check_is_none_of_others(directory, more)?;
     fs::create_dir_all(&parent).map_err(|e| io(&parent, e))?;
     let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let staging = tempfile::Builder::new()
@@ -179,6 +246,15 @@ pub fn kind(directory: &Path) -> Result<String, CheckpointError> {
     Ok(read_description::<toml::Table>(directory, &Sums::read(directory)?, None)?.kind)
 }
 
+/// What a checkpoint directory says of its weights, without reading them.
+///
+/// # Errors
+/// No such file, damage, or another network's sizes.
+pub fn description<C: DeserializeOwned>(directory: &Path) -> Result<Checkpoint<C>, CheckpointError> {
+    let directory = &surviving(directory);
+    read_description(directory, &Sums::read(directory)?, None)
+}
+
 /// A network of these sizes with the weights of a `.safetensors`, `.pth` or `.pt` file.
 pub fn import_pytorch<N: Network>(file: &Path, config: &N::Config, device: &Device) -> Result<N, CheckpointError> {
     let tensors = published::read_file(file)?;
@@ -234,12 +310,17 @@ fn check_size<N: Network>(network: &N::Config, tensors: &[Stored], file: &str) -
     Ok(())
 }
 
-fn surviving(directory: &Path) -> PathBuf {
-    let aside = directory.file_name().map(|n| directory.with_file_name(format!(".{}.old", n.to_string_lossy())));
-    match aside {
+/// The directory, or, where a crash came between the two renames of a save, the previous checkpoint beside it.
+pub fn surviving(directory: &Path) -> PathBuf {
+    match aside_of(directory) {
         Some(aside) if !directory.exists() && aside.join(DESCRIPTION).exists() => aside,
         _ => directory.to_path_buf(),
     }
+}
+
+/// Where a save puts the previous checkpoint for the moment.
+fn aside_of(directory: &Path) -> Option<PathBuf> {
+    directory.file_name().map(|n| directory.with_file_name(format!(".{}.old", n.to_string_lossy())))
 }
 
 fn describe<C: Serialize>(info: &Checkpoint<C>, file: &Path) -> Result<String, CheckpointError> {

@@ -7,7 +7,7 @@ use model::checkpoint::{self, Checkpoint};
 use model::encode::{EncodeConfig, Fill, Normalisation, Orientation};
 use model::published::{Network, Precision};
 use model::{BenbvNet, PcNbvNet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What to convert, and how.
 #[derive(Args, Debug)]
@@ -40,24 +40,46 @@ pub enum Format {
     F16,
 }
 
+/// Endings of files with weights that are not written here.
+const FOREIGN: [&str; 6] = ["pth", "pt", "bin", "onnx", "ckpt", "npz"];
+
+/// What to tell a user whose flags change nothing: those for the sizes of the network, where a checkpoint knows them.
+pub fn without_effect(args: &ConvertArgs) -> Option<String> {
+    let given = match (args.config.is_some(), args.set.is_empty()) {
+        (true, true) => "--config has",
+        (true, false) => "--config and --set have",
+        (false, false) => "--set has",
+        (false, true) => return None,
+    };
+    checkpoint::surviving(&args.input)
+        .is_dir()
+        .then(|| format!("{given} no effect: {:?} is read as a checkpoint, which says what network it is", args.input))
+}
+
 /// Converts.
 ///
 /// # Errors
 ///
-/// Unreadable or misfitting weights, named tensor by tensor; settings that are none; an output that another process writes.
+/// Unreadable or misfitting weights, named tensor by tensor; settings that are none; an output that another process writes, of a
+/// type that is not written here, or where something lies that is no checkpoint.
 pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
+    let input = &checkpoint::surviving(&args.input);
+    check_places(input, &args.output)?;
     let _lock = try_lock_of(&args.output, "train convert")?;
+    if !is_safetensors(&args.output) {
+        checkpoint::check_replaceable(&args.output)?;
+    }
     let device = model::device::open("cpu")?;
     let precision = match args.precision {
         Format::F32 => Precision::F32,
         Format::F16 => Precision::F16,
     };
-    if args.input.is_dir() && checkpoint::kind(&args.input)? == PcNbvNet::KIND {
-        let (net, info) = checkpoint::load::<PcNbvNet>(&args.input, &device)?;
+    if input.is_dir() && checkpoint::kind(input)? == PcNbvNet::KIND {
+        let (net, info) = checkpoint::load::<PcNbvNet>(input, &device)?;
         return write(args, &net, info, precision);
     }
-    let (net, info) = if args.input.is_dir() {
-        checkpoint::load::<BenbvNet>(&args.input, &device)?
+    let (net, info) = if input.is_dir() {
+        checkpoint::load::<BenbvNet>(input, &device)?
     } else {
         let mut set = Vec::new();
         if args.config.is_none() {
@@ -66,7 +88,7 @@ pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
         set.extend_from_slice(&args.set);
         let config: TrainConfig =
             formats::config::load(args.config.as_deref(), &set, &[]).map_err(formats::run::RunError::from)?;
-        let net = checkpoint::import_pytorch::<BenbvNet>(&args.input, &config.network, &device)?;
+        let net = checkpoint::import_pytorch::<BenbvNet>(input, &config.network, &device)?;
         let mut info = Checkpoint::new::<BenbvNet>(config.network.clone(), config.encode());
         info.provenance.insert("converted_from".into(), args.input.display().to_string());
         (net, info)
@@ -89,6 +111,44 @@ pub fn convert(args: &ConvertArgs) -> Result<(), TrainError> {
     Ok(())
 }
 
+/// Before anything is made, the lock included.
+fn check_places(input: &Path, output: &Path) -> Result<(), TrainError> {
+    let refuse = |path: &Path, problem: String, way_out: &str| {
+        Err(TrainError::Data { path: path.to_path_buf(), problem, way_out: way_out.into() })
+    };
+    match input.try_exists() {
+        Ok(true) => {}
+        Ok(false) => {
+            const WAY_OUT: &str =
+                "name a .pth or .safetensors file, or a checkpoint directory such as runs/train/x/best";
+            return refuse(input, "there is no such file or directory".into(), WAY_OUT);
+        }
+        Err(cause) => return Err(TrainError::io("read", input, cause)),
+    }
+    let ending = ending(output);
+    if FOREIGN.contains(&ending.as_str()) {
+        let problem = format!("files with the extension {ending:?} are not written here");
+        return refuse(
+            output,
+            problem,
+            "name a .safetensors file, which PyTorch's load_state_dict takes, or a directory without an extension for a checkpoint",
+        );
+    }
+    if is_safetensors(output) && output.is_dir() {
+        return refuse(output, "it is a directory, and a file is to be written".into(), "name a .safetensors file");
+    }
+    Ok(())
+}
+
+fn is_safetensors(path: &Path) -> bool {
+    ending(path) == "safetensors"
+}
+
+/// The extension, lower case.
+fn ending(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
 fn write<N: Network>(
     args: &ConvertArgs,
     net: &N,
@@ -96,7 +156,7 @@ fn write<N: Network>(
     precision: Precision,
 ) -> Result<(), TrainError> {
     info.precision = precision;
-    if args.output.extension().is_some_and(|e| e == "safetensors") {
+    if is_safetensors(&args.output) {
         checkpoint::export_pytorch(net, &args.output, precision)?;
     } else {
         checkpoint::save(&args.output, net, &info)?;

@@ -114,6 +114,22 @@ pub enum TrainError {
         /// Where the last good state is.
         checkpoint: PathBuf,
     },
+    /// Not one step of an epoch changed the weights.
+    #[error(
+        "not one of the {steps} steps of epoch {epoch} changed the weights: loss or gradient was not finite, or no sample could be \
+         used (log.jsonl says which); {kept}; start a new run with a lower --lr (now {rate:e}) or with optimizer.clip_norm, or look \
+         for bad data in log.jsonl"
+    )]
+    NothingLearnt {
+        /// The epoch, from 1.
+        epoch: u32,
+        /// Its steps.
+        steps: usize,
+        /// Learning rate.
+        rate: f64,
+        /// What is left of the run, and where.
+        kept: String,
+    },
     /// The loader ended early.
     #[error("a loader thread ended without a batch: {0}")]
     Loader(String),

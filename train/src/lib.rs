@@ -21,6 +21,7 @@ pub mod origin;
 pub mod pc_nbv;
 pub mod pc_nbv_data;
 pub mod program;
+pub mod quality;
 pub mod schedule;
 pub mod step;
 pub mod task;

@@ -6,6 +6,7 @@ use crate::pc_nbv::{GainSet, PcNbvTask};
 use crate::{BenbvTask, Dataset, Outcome, Run, Task, TrainConfig};
 use anyhow::{Context, bail};
 use clap::{Args, Parser, Subcommand};
+use datagen::{OutputKind, check_output};
 use formats::Flag;
 use formats::lock::{LOCK, try_lock};
 use formats::program::{self, CommonArgs, EXIT_CODES};
@@ -100,7 +101,12 @@ pub fn main(words: impl Iterator<Item = OsString>) -> ExitCode {
     let cli: Cli = program::parse_from(words).unwrap_or_else(|error| error.exit());
     cli.train.common.start_messages(["warn,train=info", "warn,train=debug", "warn,train=trace"]);
     program::finish(match &cli.command {
-        Some(Command::Convert(args)) => crate::convert::convert(args).map(|()| ExitCode::SUCCESS).map_err(Into::into),
+        Some(Command::Convert(args)) => {
+            if let Some(message) = crate::convert::without_effect(args) {
+                program::misuse::<Cli>(&message);
+            }
+            crate::convert::convert(args).map(|()| ExitCode::SUCCESS).map_err(Into::into)
+        }
         None => train_network(&cli.train),
     })
 }
@@ -116,6 +122,7 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
     if args.resume && !crate::checkpoint::exists(&dir.join("latest")) {
         bail!("{dir:?} contains no run to resume (no latest/training.toml); omit --resume to start one there");
     }
+    check_output(&dir, OutputKind::Training)?;
     let mut common = args.common.clone();
     if args.resume {
         let stored = dir.join("config.toml");

@@ -7,6 +7,7 @@ use crate::config::TrainConfig;
 use crate::learner::{self, Learner};
 use crate::loader::{Loader, epoch_plan, worker_count};
 use crate::origin::{decisive_settings, resumable};
+use crate::quality;
 use crate::schedule::Schedule;
 use crate::step::{Group, Step, UNREAD, Work};
 use crate::task::Task;
@@ -62,8 +63,8 @@ pub fn open_device(config: &TrainConfig) -> Result<Device, TrainError> {
 ///
 /// # Errors
 ///
-/// A setting out of range, unusable data, a checkpoint of other settings or data, a full disk, or divergence. What
-/// was saved before stays.
+/// A setting out of range, unusable data, a checkpoint of other settings or data, a full disk, divergence, or an epoch without a
+/// step that changed the weights. What was saved before stays.
 pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outcome, TrainError> {
     config.validate()?;
     let device = open_device(config)?;
@@ -87,6 +88,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
     let mut info = Checkpoint::new::<T::Net>(task.network(), task.encode());
     info.provenance = run.provenance.clone();
     if run.resume {
+        quality::take_over(&mut info, &latest, state.step);
         watch.message(state.step, format!("resumed at step {}, epoch {}", state.step, state.epoch + 1))?;
     }
 
@@ -108,15 +110,18 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
         let Some(rate) = trained else {
             break;
         };
+        if state.loss_samples == 0 {
+            let kept = kept(run.dir, &state);
+            return Err(TrainError::NothingLearnt { epoch: state.epoch + 1, steps: steps_per_epoch, rate, kept });
+        }
         let train_seconds = began.elapsed().as_secs_f64();
         let net = learner.evaluated();
         let validation = attempt(config, &latest, || task.validate(&net, &device))??;
         schedule.observe(validation.loss);
         let regret = validation.ranking.relative_regret();
         let best = state.best.observe(if validation.loss.is_finite() { regret } else { f64::NAN }, state.epoch);
-        info.step = state.step;
+        quality::note(&mut info, state.step, &validation);
         if best {
-            note_quality(&mut info, &validation);
             model::checkpoint::save(&run.dir.join("best"), &net, &info)?;
         }
         let epoch = state.epoch;
@@ -152,8 +157,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
         }
     }
     if !finished {
-        info.step = state.step;
-        checkpoint::save(&latest, &learner, &info, &state)?;
+        checkpoint::save(&latest, &learner, &quality::described(&info, state.step), &state)?;
         watch.message(state.step, format!("stopped at step {}; --resume continues from there", state.step))?;
     }
     watch.flush(true)?;
@@ -182,7 +186,7 @@ fn train_epoch<T: Task>(
         let mut loader =
             Loader::start(scope, task, state.epoch, &plan, state.step_in_epoch, workers, config.loader.ready);
         let save = |learner: &Learner<T::Net>, state: &TrainingState| {
-            checkpoint::save(&latest, learner, &Checkpoint { step: state.step, ..info.clone() }, state)
+            checkpoint::save(&latest, learner, &quality::described(info, state.step), state)
         };
         let every = config.checkpoint.every_steps;
         let most = if works_by_itself(device) { UNREAD } else { 1 };
@@ -294,15 +298,13 @@ fn note<B>(
     }
 }
 
-fn note_quality<C>(info: &mut Checkpoint<C>, validation: &crate::task::Validation) {
-    let r = &validation.ranking;
-    for (key, value) in [
-        ("validation_loss", validation.loss),
-        ("validation_relative_regret", r.relative_regret()),
-        ("validation_rank_correlation", r.rank_correlation),
-        ("validation_hit_rate", r.hit_rate),
-    ] {
-        info.provenance.insert(key.into(), format!("{value:.4}"));
+/// What is left of a run that comes to nothing, for its user.
+fn kept(dir: &Path, state: &TrainingState) -> String {
+    let (best, latest) = (dir.join("best"), dir.join("latest"));
+    match state.best.value {
+        Some(_) => format!("the weights of the best epoch are kept in {best:?}"),
+        None if checkpoint::exists(&latest) => format!("the last saved state is kept in {latest:?}"),
+        None => "nothing was saved before".into(),
     }
 }
 
@@ -317,6 +319,12 @@ fn run_episodes<T: Task>(
     let Some(e) = task.episodes(net, device) else {
         return Ok(());
     };
+    if e.count == 0 {
+        return watch.message(
+            state.step,
+            "not one closed-loop episode could be run with this network: no coverage is recorded",
+        );
+    }
     watch.record(Record::Episodes(EpisodesRecord {
         step: state.step,
         epoch: state.epoch,

@@ -36,5 +36,19 @@ fn wrong_use_is_explained() {
     drop(held);
     assert!(!tmp.path().join("runs").exists(), "nothing is made by a start that fails");
     let text = say(&["convert", "nothing.pth", "out"]);
-    assert!(text.contains("nothing.pth"), "{text}");
+    assert!(text.contains("nothing.pth\": there is no such file or directory"), "{text}");
+    // The output of another program is left as it is, lock and all.
+    let entries = |name: &str| std::fs::read_dir(tmp.path().join(name)).expect("a directory").count();
+    let before = entries("data");
+    let text = say(&["--data", "data", "--out", "data"]);
+    assert!(text.contains("\"data\" contains a data set of `datagen` (manifest.json)"), "{text}");
+    std::fs::create_dir(tmp.path().join("study")).expect("made");
+    std::fs::write(tmp.path().join("study/journal.jsonl"), "").expect("written");
+    let text = say(&["--data", "data", "--out", "study"]);
+    assert!(text.contains("a run of `evaluate` (journal.jsonl)") && text.contains("give another --out"), "{text}");
+    assert_eq!((entries("data"), entries("study")), (before, 1));
+    // Flags without effect: exit code 2.
+    std::fs::create_dir(tmp.path().join("weights")).expect("made");
+    let text = say(&["convert", "weights", "out", "--set", "network.points=8"]);
+    assert!(text.contains("--set has no effect: \"weights\" is read as a checkpoint"), "{text}");
 }

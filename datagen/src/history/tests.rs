@@ -50,6 +50,12 @@ fn files_of_one_name_and_sets_of_another_kind_are_refused() {
     manifest.write(&out).unwrap();
     let text = import(&inputs[..1], &out, 0.2, 0, "none").expect_err("another set").to_string();
     assert!(text.contains("contains a set of \"folder\""), "{text}");
+    let run = home.path().join("run");
+    std::fs::create_dir(&run).unwrap();
+    std::fs::write(run.join("journal.jsonl"), "").unwrap();
+    let text = import(&inputs[..1], &run, 0.2, 0, "none").expect_err("a run").to_string();
+    assert!(text.contains("contains a run of `evaluate` (journal.jsonl)"), "{text}");
+    assert_eq!(std::fs::read_dir(&run).unwrap().count(), 1, "nothing is added to it");
 }
 
 fn becomes_a_set(bin: &Path) {

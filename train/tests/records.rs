@@ -1,0 +1,96 @@
+//! What a run records of its weights: the figures of a validation beside those that were validated, and no figures of an epoch in
+//! which nothing was learnt.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{one_at_a_time, plain_set, sample, tiny_config, write_set};
+use formats::Split;
+use model::BenbvNetConfig;
+use model::checkpoint::description;
+use std::collections::BTreeMap;
+use std::path::Path;
+use train::augment::AugmentConfig;
+use train::config::TrainConfig;
+use train::{BenbvTask, Dataset, Outcome, Run, TrainError};
+
+fn run_until(config: &TrainConfig, data: &Path, dir: &Path, resume: bool, last: u64) -> Result<Outcome, TrainError> {
+    let data = Dataset::open(data, config.validation.fraction, config.seed)?;
+    let stop = |step: u64| step >= last;
+    let provenance = BTreeMap::from([("data".to_string(), "a set".to_string())]);
+    let run = Run { dir, resume, quiet: true, stop: &stop, provenance };
+    train::train(&BenbvTask::new(config, &data), config, &run)
+}
+
+/// The validation loss that a checkpoint names, and its step.
+fn figures(checkpoint: &Path) -> (u64, Option<String>) {
+    let info = description::<BenbvNetConfig>(checkpoint).expect("a description");
+    assert_eq!(info.provenance["data"], "a set", "the rest stays");
+    (info.step, info.provenance.get("validation_loss").cloned())
+}
+
+#[test]
+fn a_checkpoint_carries_the_figures_of_its_own_weights_or_none() {
+    let _turn = one_at_a_time();
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let (data, dir) = (tmp.path().join("data"), tmp.path().join("run"));
+    plain_set(&data, 9, 2); // 36 samples, 5 steps an epoch
+    let mut config = tiny_config();
+    config.epochs = 3;
+    config.checkpoint.keep_every_epochs = 1;
+    let latest = dir.join("latest");
+    let loss = |outcome: &Outcome, epoch: usize| Some(format!("{:.4}", outcome.epochs[epoch].valid_loss));
+    let first = run_until(&config, &data, &dir, false, 5).expect("trained");
+    assert_eq!(figures(&latest), (5, loss(&first, 0)), "stopped after a validation, before a further step");
+    run_until(&config, &data, &dir, true, 5).expect("trained");
+    assert_eq!(figures(&latest), (5, loss(&first, 0)), "saved again without a further step");
+    run_until(&config, &data, &dir, true, 7).expect("trained");
+    assert_eq!(figures(&latest), (7, None), "in the middle of an epoch");
+    let all = run_until(&config, &data, &dir, true, u64::MAX).expect("trained");
+    assert_eq!(figures(&latest), (15, loss(&all, 2)), "the last epoch, whether it is the best or not");
+    for epoch in 0..3 {
+        let kept = dir.join(format!("epoch-{:04}", epoch + 1));
+        assert_eq!(figures(&kept), (5 * (epoch as u64 + 1), loss(&all, epoch)));
+    }
+    let best = all.epochs.iter().rfind(|e| e.best).expect("a best epoch");
+    assert_eq!(figures(&dir.join("best")), (best.step, Some(format!("{:.4}", best.valid_loss))));
+}
+
+#[test]
+fn an_epoch_in_which_nothing_was_learnt_ends_the_run() {
+    let _turn = one_at_a_time();
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let epochs = |dir: &Path| {
+        let log = std::fs::read_to_string(dir.join("log.jsonl")).expect("a log");
+        log.lines().filter(|line| line.contains("\"kind\":\"epoch\"")).count()
+    };
+    // Every sample overflows in f32.
+    let data = tmp.path().join("overflowing");
+    let mut samples: Vec<_> = (0..8).map(|d| sample("a", d, 8)).collect();
+    samples.iter_mut().for_each(|s| s.cloud.points[0].x = 1e30);
+    write_set(&data, &[("a", Split::Train, samples), ("b", Split::Validation, vec![sample("b", 0, 8)])]);
+    let mut config = tiny_config();
+    config.batch = 4;
+    config.augment = AugmentConfig::none();
+    config.input.normalisation = model::encode::Normalisation::AsIs;
+    config.network.points = 150; // every point of the cloud, so that the bad one is always seen
+    let dir = tmp.path().join("run");
+    let text = run_until(&config, &data, &dir, false, u64::MAX).expect_err("nothing learnt").to_string();
+    for part in ["not one of the 2 steps of epoch 1", "a lower --lr", "nothing was saved before"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    assert_eq!(epochs(&dir), 0, "no zeros are recorded as losses");
+
+    // A rate at which the first step leaves weights that nothing finite comes of.
+    let data = tmp.path().join("data");
+    plain_set(&data, 9, 2); // 36 samples, 5 steps an epoch
+    let mut config = tiny_config();
+    config.epochs = 4;
+    config.optimizer.learning_rate = 1e30;
+    let dir = tmp.path().join("fast");
+    let text = run_until(&config, &data, &dir, false, u64::MAX).expect_err("nothing learnt").to_string();
+    for part in ["not one of the 5 steps of epoch 2", "kept in", "(now 1e30)"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    assert_eq!(epochs(&dir), 1, "only that in which a step was done");
+}
