@@ -117,6 +117,6 @@ mod tests {
         let args = ["evaluate", "--seed", "9007199254740993", "--episodes", "3", "--preset", "paper"];
         let args: Args = formats::program::parse_from(args.map(Into::into)).expect("good");
         let config = args.settings().expect("settings");
-        assert_eq!((config.seed, config.episodes, config.views_if_unreached), (9_007_199_254_740_993, 3, 16));
+        assert_eq!((config.seed, config.episodes, config.views_if_unreached()), (9_007_199_254_740_993, 3, 16));
     }
 }

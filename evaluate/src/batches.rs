@@ -47,7 +47,9 @@ pub struct Outcome {
     pub unusable: Vec<(String, ObjectError)>,
     /// Objects that were asked for.
     pub objects: usize,
-    /// Episodes that are still to be run, since the run was stopped.
+    /// Episodes that were asked for; of recordings that a stopped run had not yet read, as many as there would be at most.
+    pub asked: usize,
+    /// Episodes of these that are still to be run, since the run was stopped.
     pub left: usize,
 }
 
@@ -123,7 +125,7 @@ pub fn run(
 ) -> Result<Outcome, BenchmarkError> {
     let mut wanted: Vec<EpisodeKey> = Vec::new();
     let mut reached = 0;
-    let mut outcome = Outcome { shown: Vec::new(), unusable: Vec::new(), objects: sources.len(), left: 0 };
+    let mut outcome = Outcome { shown: Vec::new(), unusable: Vec::new(), objects: sources.len(), asked: 0, left: 0 };
     for group in sources.chunks(4 * rayon::current_num_threads()) {
         let ready: Vec<_> = group.par_iter().map(|source| objects::load(source, config)).collect();
         let mut usable = Vec::new();
@@ -158,7 +160,18 @@ pub fn run(
         }
     }
     let have = contents.keys();
-    let unread = (sources.len() - reached) * policies.len() * config.episodes;
-    outcome.left = unread + wanted.iter().filter(|key| !have.contains(key)).count();
+    let of = |source: &Source, policy: &Policy, episode: usize| EpisodeKey {
+        object: source.name.clone(),
+        policy: policy.to_string(),
+        episode,
+    };
+    let of_object = |source: &Source| {
+        let all = policies.iter().flat_map(|policy| (0..config.episodes).map(move |episode| (policy, episode)));
+        all.filter(|&(policy, episode)| !have.contains(&of(source, policy, episode))).count()
+    };
+    let unread = &sources[reached..];
+    outcome.asked = wanted.len() + unread.len() * policies.len() * config.episodes;
+    outcome.left =
+        wanted.iter().filter(|key| !have.contains(key)).count() + unread.iter().map(of_object).sum::<usize>();
     Ok(outcome)
 }

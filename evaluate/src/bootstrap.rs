@@ -3,6 +3,7 @@
 use crate::metrics::{Column, Draw, Figure, Runs, efficiency};
 use geometry::rng::stream;
 use rand::RngExt;
+use std::collections::BTreeSet;
 
 /// What is drawn again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,15 +14,16 @@ pub enum ResampleUnit {
     Objects,
 }
 
-/// A value with its 95 % interval.
+/// A value with its 95 % interval, if there is one: a single episode of each object says nothing of others, nor does a single
+/// object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
     /// The value itself.
     pub value: f64,
     /// 2.5th percentile of the resampled values.
-    pub low: f64,
+    pub low: Option<f64>,
     /// 97.5th percentile.
-    pub high: f64,
+    pub high: Option<f64>,
 }
 
 /// Draws with repetition for lists of these sizes, the same for every policy: differences stay paired.
@@ -44,23 +46,46 @@ pub fn draws(sizes: &[usize], over: ResampleUnit, resamples: usize, seed: u64) -
         .collect()
 }
 
-/// The interval of a statistic: of all episodes, and of each draw.
-pub fn interval(value: Option<f64>, draws: &[Draw], statistic: impl Fn(&Draw) -> Option<f64>) -> Option<Interval> {
+/// The value of a statistic of these columns over all episodes, with the interval of its values over the draws.
+fn interval(
+    value: Option<f64>,
+    columns: &[&Column],
+    draws: &[Draw],
+    statistic: impl Fn(&Draw) -> Option<f64>,
+) -> Option<Interval> {
+    let value = value?;
+    if !differ(columns, draws) {
+        return Some(Interval { value, low: None, high: None });
+    }
     let mut values: Vec<f64> = draws.iter().filter_map(statistic).filter(|v| v.is_finite()).collect();
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values.get((share * (values.len().max(1) - 1) as f64).round() as usize).copied();
-    Some(Interval { value: value?, low: at(0.025)?, high: at(0.975)? })
+    Some(Interval { value, low: at(0.025), high: at(0.975) })
+}
+
+/// Whether any draw has other episodes than the rest, of those that have a value in every column.
+fn differ(columns: &[&Column], draws: &[Draw]) -> bool {
+    if draws.windows(2).all(|two| two[0] == two[1]) {
+        return false;
+    }
+    let known = |draw: &Draw| -> BTreeSet<(usize, usize)> {
+        let all = draw.iter().flat_map(|(object, episodes)| episodes.iter().map(move |&e| (*object, e)));
+        all.filter(|&(object, e)| columns.iter().all(|column| column.0[object][e].is_some())).collect()
+    };
+    let mut sets = draws.iter().map(known).filter(|set| !set.is_empty());
+    let first = sets.next();
+    sets.any(|set| first.as_ref() != Some(&set))
 }
 
 /// Interval of a figure's mean.
 pub fn mean_interval(column: &Column, draws: &[Draw]) -> Option<Interval> {
-    interval(column.mean(), draws, |d| column.mean_of(d))
+    interval(column.mean(), &[column], draws, |d| column.mean_of(d))
 }
 
 /// Interval of the efficiency.
 pub fn efficiency_interval(runs: &Runs, views_if_unreached: usize, draws: &[Draw]) -> Option<Interval> {
     let [c, v] = [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| runs.column(f, views_if_unreached));
-    interval(efficiency(c.mean(), v.mean()), draws, |d| efficiency(c.mean_of(d), v.mean_of(d)))
+    interval(efficiency(c.mean(), v.mean()), &[&c, &v], draws, |d| efficiency(c.mean_of(d), v.mean_of(d)))
 }
 
 /// Interval of a figure's mean minus the baseline's, paired by object and episode.
@@ -76,7 +101,7 @@ pub fn difference(
     let (a, b) = runs.paired(baseline);
     let [a, b] = [a, b].map(|r| r.column(figure, views_if_unreached));
     let draws = draws(&a.sizes(), over, resamples, seed);
-    interval(Some(a.mean()? - b.mean()?), &draws, |d| Some(a.mean_of(d)? - b.mean_of(d)?))
+    interval(Some(a.mean()? - b.mean()?), &[&a, &b], &draws, |d| Some(a.mean_of(d)? - b.mean_of(d)?))
 }
 
 /// Interval of the ratio of the efficiency to the baseline's, paired by object and episode.
@@ -93,7 +118,7 @@ pub fn efficiency_ratio(
     let ([ac, av], [bc, bv]) = (columns(&a), columns(&b));
     let draws = draws(&ac.sizes(), over, resamples, seed);
     let value = efficiency(ac.mean(), av.mean())? / efficiency(bc.mean(), bv.mean())?;
-    interval(Some(value), &draws, |d| {
+    interval(Some(value), &[&ac, &av, &bc, &bv], &draws, |d| {
         Some(efficiency(ac.mean_of(d), av.mean_of(d))? / efficiency(bc.mean_of(d), bv.mean_of(d))?)
     })
 }
@@ -140,7 +165,8 @@ fn efficiencies(
         .collect();
     let draws = draws(&columns.first()?[0].sizes(), ResampleUnit::Episodes, resamples, seed);
     let all: Option<Vec<f64>> = columns.iter().map(|[c, v]| efficiency(c.mean(), v.mean())).collect();
-    interval(Some(statistic(&all?)), &draws, |d| {
+    let every: Vec<&Column> = columns.iter().flatten().collect();
+    interval(Some(statistic(&all?)), &every, &draws, |d| {
         let drawn: Option<Vec<f64>> = columns.iter().map(|[c, v]| efficiency(c.mean_of(d), v.mean_of(d))).collect();
         drawn.map(|e| statistic(&e))
     })

@@ -64,6 +64,10 @@ pub struct WeightsConfig {
     pub device: Option<String>,
 }
 
+/// Stands in the hash of the settings for any `views_if_unreached`: its default when it did not follow `episode.num_views`, so
+/// that runs of that time can be resumed.
+const HASHED_VIEWS_IF_UNREACHED: usize = 17;
+
 /// All settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -89,8 +93,9 @@ pub struct EvaluateConfig {
     /// Views around the object of which one at least must see a sample, or it is left out: CAD models have faces inside that no
     /// camera ever sees. 0 keeps all, as published.
     pub reference_views: usize,
-    /// What a level of coverage that was never reached counts as, in views.
-    pub views_if_unreached: usize,
+    /// What a level of coverage that was never reached counts as, in views; absent: two more than `episode.num_views`, which is
+    /// one more than there are with the first scan.
+    pub views_if_unreached: Option<usize>,
     /// Resamples of the confidence intervals.
     pub resamples: usize,
     /// The scanning loop and the simulator.
@@ -126,7 +131,7 @@ impl Default for EvaluateConfig {
             surface: Surface::Sampled,
             surface_samples: 60_000,
             reference_views: 0,
-            views_if_unreached: 17,
+            views_if_unreached: None,
             resamples: 2000,
             episode: EpisodeConfig::default(),
             candidates: CandidateConfig::default(),
@@ -145,11 +150,16 @@ impl EvaluateConfig {
     pub fn paper() -> Self {
         Self {
             surface: Surface::Published,
-            views_if_unreached: 16,
+            views_if_unreached: Some(16),
             episode: EpisodeConfig::paper(),
             candidates: CandidateConfig::paper(),
             ..Self::default()
         }
+    }
+
+    /// What a level of coverage that was never reached counts as, in views.
+    pub fn views_if_unreached(&self) -> usize {
+        self.views_if_unreached.unwrap_or(self.episode.num_views + 2)
     }
 
     /// Refuses values that cannot be meant.
@@ -164,19 +174,40 @@ impl EvaluateConfig {
         if let Some(robot) = &self.robot {
             robot.check().map_err(|e| SettingError::new(e.key, e.found, e.expected))?;
         }
+        let (unreached, num_views) = (self.views_if_unreached(), self.episode.num_views);
+        if unreached <= num_views {
+            return Err(SettingError::new(
+                "views_if_unreached",
+                format!("{unreached} with episode.num_views = {num_views}"),
+                "at least one more than episode.num_views, or nothing: two more is the default",
+            ));
+        }
+        check_candidates("candidates.tilts_deg", &self.candidates)?;
+        check_candidates("volumetric.candidates.tilts_deg", &self.volumetric.candidates)?;
+        let planner = &self.volumetric;
+        let share = |key, value: f64| match (0.0..=1.0).contains(&value) {
+            true => Ok(()),
+            false => Err(SettingError::new(key, value, "a share from 0 to 1")),
+        };
+        share("volumetric.min_overlap", planner.min_overlap)?;
+        share("volumetric.weight_center", planner.weight_center)?;
+        if !(planner.voxel_px > 0.0 && planner.voxel_px.is_finite()) {
+            return Err(SettingError::new("volumetric.voxel_px", planner.voxel_px, "a number of pixels above 0"));
+        }
         check_counts(&[
             ("episodes", self.episodes),
             ("surface_samples", self.surface_samples),
-            ("views_if_unreached", self.views_if_unreached),
+            ("views_if_unreached", unreached),
             ("resamples", self.resamples),
             ("candidates.num_targets", self.candidates.num_targets),
+            ("volumetric.candidates.num_targets", planner.candidates.num_targets),
             ("table.views", self.table.as_ref().map_or(1, |table| table.views)),
         ])
     }
 
     /// Hash of what outcomes depend on: everything but which policies and episodes are run and how they are reported.
     pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
-        let Self { policies, baseline, episodes, views_if_unreached, resamples, only, .. } = Self::default();
+        let Self { policies, baseline, episodes, resamples, only, .. } = Self::default();
         // The CPU is what an absent device stands for.
         let device = self.weights.device.clone().filter(|name| name != "cpu");
         let weights = WeightsConfig { device, ..self.weights.clone() };
@@ -184,13 +215,22 @@ impl EvaluateConfig {
             policies,
             baseline,
             episodes,
-            views_if_unreached,
+            views_if_unreached: Some(HASHED_VIEWS_IF_UNREACHED),
             resamples,
             only,
             weights,
             ..self.clone()
         })
     }
+}
+
+/// Refuses candidates that look nowhere.
+fn check_candidates(key: &'static str, candidates: &CandidateConfig) -> Result<(), SettingError> {
+    let tilts = &candidates.tilts_deg;
+    if tilts.is_empty() || tilts.iter().any(|tilt| !tilt.is_finite()) {
+        return Err(SettingError::new(key, format!("{tilts:?}"), "one angle at least, degrees, such as [-45, 0, 45]"));
+    }
+    Ok(())
 }
 
 /// The same settings with the publication's as defaults: what `--preset paper` starts from.

@@ -48,7 +48,7 @@ pub enum Figure {
 }
 
 impl Figure {
-    /// Of one episode. `never` is what a level that was not reached counts as.
+    /// Of one episode. `views_if_unreached` is what a level that was not reached counts as.
     pub fn of(self, record: &EpisodeRecord, views_if_unreached: usize) -> Option<f64> {
         match self {
             Figure::FinalCoverage => Some(100.0 * record.final_coverage()),
@@ -222,6 +222,15 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
+/// Quantile of values at a share in [0, 1], linear between the two nearest (0.5: the median); `None` without a value.
+pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let place = share * values.len().checked_sub(1)? as f64;
+    let (below, above) = (values[place.floor() as usize], values[place.ceil() as usize]);
+    // Two infinite values have no difference.
+    Some(if below == above { below } else { below + place.fract() * (above - below) })
+}
+
 /// Efficiency, a ratio of means: mean final coverage in percent over mean number of views to 90 %.
 pub fn efficiency(final_coverage: Option<f64>, views_to_90: Option<f64>) -> Option<f64> {
     Some(final_coverage? / views_to_90?)
@@ -321,6 +330,15 @@ pub(crate) mod tests {
         let (pp, qq) = p.paired(&q);
         assert_eq!((pp.len(), qq.len()), (1, 1));
         assert!((pp.column(Figure::FinalCoverage, 17).mean().unwrap() - 80.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn quantiles_lie_between_the_two_nearest_values() {
+        // As numpy.quantile.
+        let of = |share| quantile(vec![4.0, 1.0, 3.0, 8.0], share);
+        assert_eq!([0.0, 0.25, 0.5, 0.75, 1.0].map(of), [1.0, 2.5, 3.5, 5.0, 8.0].map(Some));
+        assert_eq!((quantile(vec![3.0, 1.0, 2.0], 0.5), quantile(vec![7.0], 0.25)), (Some(2.0), Some(7.0)));
+        assert_eq!(quantile(Vec::new(), 0.5), None);
     }
 
     #[test]

@@ -3,7 +3,8 @@
 use crate::config::{EvaluateConfig, WeightsConfig};
 use crate::policies::BoxedPlanner;
 use crate::policies::pc_nbv::PcNbvPlanner;
-use formats::config::digest;
+use formats::config::{digest, to_toml};
+use model::checkpoint;
 use model::device::{self, DeviceError};
 use model::net_planner::BUNDLED_WEIGHTS;
 use model::{NetPlanner, NetPlannerConfig, NetPlannerError, PcNbvError, PcNbvModel};
@@ -30,6 +31,9 @@ pub enum WeightsError {
     )]
     NoPcNbv,
 }
+
+/// What describes [`BUNDLED_WEIGHTS`].
+const BUNDLED_DESCRIPTION: &str = include_str!("../../weights/benbv-net/checkpoint.toml");
 
 /// Weights at hand. Nothing is read until a policy asks.
 #[derive(Default)]
@@ -92,13 +96,17 @@ impl Networks {
         directory.map_or_else(|| self.weights.benbv_net.clone(), PathBuf::from)
     }
 
-    /// Digest of the weights of `benbv-net`.
+    /// Digest of the weights and settings of `benbv-net`.
     pub fn benbv_net_digest(&self, directory: Option<&Path>) -> Option<String> {
         let directory = self.benbv_net_directory(directory);
-        Some(if directory.as_os_str().is_empty() { digest(BUNDLED_WEIGHTS) } else { digest_in(&directory) })
+        Some(if directory.as_os_str().is_empty() {
+            digest_of(BUNDLED_WEIGHTS, BUNDLED_DESCRIPTION)
+        } else {
+            digest_in(&directory)
+        })
     }
 
-    /// Digest of the weights of `pc-nbv`; `None` where there are none.
+    /// Digest of the weights and settings of `pc-nbv`; `None` where there are none.
     pub fn pc_nbv_digest(&self) -> Option<String> {
         Some(digest_in(&pc_nbv_directory(&self.weights.pc_nbv).ok()?))
     }
@@ -121,7 +129,19 @@ impl Networks {
 }
 
 fn digest_in(directory: &Path) -> String {
-    digest(&std::fs::read(directory.join(model::checkpoint::WEIGHTS)).unwrap_or_default())
+    let read = |name: &str| std::fs::read(directory.join(name)).unwrap_or_default();
+    digest_of(&read(checkpoint::WEIGHTS), &String::from_utf8_lossy(&read(checkpoint::DESCRIPTION)))
+}
+
+/// Of a checkpoint's weights and of what its description says of the network and its input: all but where they come from.
+fn digest_of(weights: &[u8], description: &str) -> String {
+    let settings = description.parse::<toml::Table>().ok().and_then(|mut table| {
+        for key in ["provenance", "step"] {
+            table.remove(key);
+        }
+        to_toml(&table).ok()
+    });
+    digest(&[weights, settings.as_deref().unwrap_or(description).as_bytes()].concat())
 }
 
 /// The configured checkpoint, or the one that comes with the source: in the working directory, or in a folder above the
@@ -133,4 +153,30 @@ fn pc_nbv_directory(configured: &Path) -> Result<PathBuf, WeightsError> {
     let program = std::env::current_exe().unwrap_or_default();
     let folders = std::iter::once(Path::new(".")).chain(program.ancestors().skip(1));
     folders.map(|folder| folder.join("weights/pc-nbv")).find(|d| d.exists()).ok_or(WeightsError::NoPcNbv)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_digest_follows_what_changes_answers_and_not_where_weights_come_from() {
+        let plain = digest_of(BUNDLED_WEIGHTS, BUNDLED_DESCRIPTION);
+        let with = |from: &str, to: &str| {
+            assert!(BUNDLED_DESCRIPTION.contains(from), "{from}");
+            digest_of(BUNDLED_WEIGHTS, &BUNDLED_DESCRIPTION.replace(from, to))
+        };
+        for (from, to) in [("points = 256", "points = 128"), ("heads = 4", "heads = 2"), ("\"repeat\"", "\"draw\"")] {
+            assert_ne!(with(from, to), plain, "{from}");
+        }
+        for (from, to) in [("program = \"train", "program = \"other"), ("[encode]", "# A remark.\n[encode]")] {
+            assert_eq!(with(from, to), plain, "{from}");
+        }
+        assert_ne!(digest_of(&BUNDLED_WEIGHTS[1..], BUNDLED_DESCRIPTION), plain);
+        let copy = tempfile::tempdir().expect("dir");
+        std::fs::write(copy.path().join(checkpoint::WEIGHTS), BUNDLED_WEIGHTS).expect("written");
+        assert_ne!(digest_in(copy.path()), plain, "without its description it does not load");
+        std::fs::write(copy.path().join(checkpoint::DESCRIPTION), BUNDLED_DESCRIPTION).expect("written");
+        assert_eq!(digest_in(copy.path()), plain);
+    }
 }

@@ -8,6 +8,7 @@ use crate::networks::Networks;
 use crate::objects::ObjectError;
 use crate::policies::{PAPER_POLICIES, POLICIES, Policy, RECORDED_POLICIES, check};
 use crate::record::EpisodeKey;
+use crate::report::folder::{self, Folder};
 use crate::report::{self, compare, tables::Rows};
 use crate::run::{self, Ended};
 use anyhow::{Context, bail};
@@ -15,6 +16,7 @@ use datagen::dataset::DatasetName;
 use formats::program;
 use formats::run::atomic_write;
 use indicatif::{ProgressBar, ProgressStyle};
+use planning::VolumetricConfig;
 use std::ffi::OsString;
 use std::io::IsTerminal;
 use std::path::Path;
@@ -44,11 +46,18 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
         bail!("--episodes 0: found no episode to run, expected at least 1");
     }
     config.validate()?;
-    let _: Policy = config.baseline.parse().context("baseline")?;
+    let baseline: Policy = config.baseline.parse().context("baseline")?;
     args.common.start_threads()?;
     let networks = Networks::new(&config);
     networks.check_device()?;
     let policies = policies(&config, args.preset.is_some(), &networks)?;
+    check_baseline(&baseline, &policies, args.baseline.is_some())?;
+    let is_volumetric = |policy: &Policy| policy.name().starts_with("volumetric");
+    if config.volumetric != VolumetricConfig::default() && !policies.iter().any(is_volumetric) {
+        eprintln!(
+            "[volumetric] has no effect: it is of the policy `volumetric`; `auto` plans as robots do, with its own settings"
+        );
+    }
     let stop = program::stop_when_asked("stopping after the current episodes; press again to stop immediately")?;
     let bar = Bar(progress());
     let ended = run::run(&args.out, &policies, &config, &networks, stop, &bar)?;
@@ -93,6 +102,24 @@ fn policies(config: &EvaluateConfig, paper: bool, networks: &Networks) -> anyhow
     Ok(list)
 }
 
+/// Whether there is a policy to compare the others with. One that a flag names must be among those that run; a file of settings
+/// may be used with other policies, and without any setting nothing was expected.
+fn check_baseline(baseline: &Policy, policies: &[Policy], flag: bool) -> anyhow::Result<()> {
+    let name = baseline.name();
+    if policies.iter().any(|policy| policy.name() == name) {
+        return Ok(());
+    }
+    let run: Vec<&str> = policies.iter().map(Policy::name).collect();
+    let run = run.join(", ");
+    if flag {
+        bail!("--baseline {name}: not among the policies of this run; expected one of {run}, or add it to --policies");
+    }
+    if name != EvaluateConfig::default().baseline {
+        eprintln!("baseline = {name:?} is not among the policies of this run ({run}): nothing is compared with it");
+    }
+    Ok(())
+}
+
 /// Shows how far a run is.
 struct Bar(ProgressBar);
 
@@ -108,7 +135,11 @@ impl Watch for Bar {
     }
 
     fn outdated(&self, policy: &str, episodes: usize) {
-        self.0.suspend(|| eprintln!("{policy}: {episodes} episodes were run with other weights and are repeated"));
+        self.0.suspend(|| {
+            eprintln!(
+                "{policy}: {episodes} episodes were run with other weights or settings of the network and are repeated"
+            )
+        });
     }
 
     fn left_out(&self, object: &str, policy: &str) {
@@ -147,18 +178,16 @@ fn summary(args: &Args, config: &EvaluateConfig, rows: &Rows, contents: &journal
 }
 
 fn compare_folders(args: &Args) -> anyhow::Result<ExitCode> {
-    let folders: Vec<compare::Folder> = args
-        .compare
-        .iter()
-        .map(|path| {
-            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-            Ok(compare::Folder { name, contents: journal::read(path)? })
-        })
-        .collect::<Result<_, journal::JournalError>>()?;
+    let folders: Vec<Folder> = args.compare.iter().map(|path| folder::read(path)).collect::<Result<_, _>>()?;
+    compare::check(&folders)?;
     let baseline = args.baseline.clone().unwrap_or_else(|| EvaluateConfig::default().baseline);
     let baseline: Policy = baseline.parse().context("--baseline")?;
-    let tables = compare::tables(&folders, baseline.name(), EvaluateConfig::default().views_if_unreached);
-    let text: String = tables.iter().map(report::table::Table::to_markdown).collect();
+    let policies = compare::policies(&folders);
+    if args.baseline.is_some() && !policies.iter().any(|policy| policy == baseline.name()) {
+        bail!("--baseline {}: no directory has this policy; expected one of {}", baseline.name(), policies.join(", "));
+    }
+    let mut text: String = compare::notes(&folders).iter().map(|note| format!("{note}\n\n")).collect();
+    text.extend(compare::tables(&folders, baseline.name()).iter().map(report::table::Table::to_markdown));
     program::print_line(&text)?;
     if args.out != Path::new("runs/evaluate") {
         atomic_write(&args.out.join("compare.md"), format!("# Comparison\n\n{text}").as_bytes())?;

@@ -3,6 +3,7 @@
 pub mod arm;
 pub mod closure;
 pub mod compare;
+pub mod folder;
 pub mod paper;
 pub mod plots;
 pub mod recorded;
@@ -25,6 +26,21 @@ use std::path::Path;
 use table::{Table, write_csv};
 use tables::Rows;
 
+/// How much of an interrupted run is still to be run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unfinished {
+    /// Episodes that are not run yet.
+    pub left: usize,
+    /// Episodes that were asked for, of all policies and objects.
+    pub asked: usize,
+}
+
+impl std::fmt::Display for Unfinished {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "unfinished: {} of {} episodes left", self.left, self.asked)
+    }
+}
+
 /// Policies of the records: in the order asked for, then any other by name.
 pub fn policy_order(contents: &Contents, asked: &[String]) -> Vec<String> {
     let present: BTreeSet<&str> = contents.episodes.iter().map(|(r, _)| r.key.policy.as_str()).collect();
@@ -36,7 +52,8 @@ pub fn policy_order(contents: &Contents, asked: &[String]) -> Vec<String> {
 }
 
 /// Writes every file of a run's directory. All but `timing.csv` and `timing.md` are the same bytes for the same
-/// settings, whatever the number of threads. Answers with the rows of the tables.
+/// settings, whatever the number of threads. The report of an interrupted run says what is missing. Answers with the rows of
+/// the tables.
 ///
 /// # Errors
 /// What the operating system refuses.
@@ -46,6 +63,7 @@ pub fn write(
     config: &EvaluateConfig,
     policies: &[String],
     objects: &[Object],
+    unfinished: Option<Unfinished>,
 ) -> Result<Rows, FormatError> {
     let records: Vec<&EpisodeRecord> = contents.episodes.iter().map(|(r, _)| r).collect();
     atomic_write_with(&directory.join("episodes.jsonl"), |w| {
@@ -103,12 +121,13 @@ pub fn write(
     for (file, _, svg) in &figures {
         atomic_write(&directory.join(file), svg.as_bytes())?;
     }
-    let mut markdown = format!("# Results\n\n{}\n\n", headline(contents, config, &order));
+    let headline = headline(contents, config, &order, unfinished);
+    let mut markdown = format!("# Results\n\n{headline}\n\n");
     results.iter().for_each(|table| markdown.push_str(&table.to_markdown()));
     atomic_write(&directory.join("report.md"), markdown.as_bytes())?;
     atomic_write(
         &directory.join("report.html"),
-        html(contents, config, &order, &figures, &results, objects).as_bytes(),
+        html(contents, config, &order, &headline, &figures, &results, objects).as_bytes(),
     )?;
     Ok(rows)
 }
@@ -208,15 +227,25 @@ fn view_rows(r: &EpisodeRecord) -> impl Iterator<Item = ViewRow<'_>> {
     })
 }
 
-fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> String {
+fn headline(
+    contents: &Contents,
+    config: &EvaluateConfig,
+    policies: &[String],
+    unfinished: Option<Unfinished>,
+) -> String {
     let objects: BTreeSet<&str> = contents.episodes.iter().map(|(r, _)| r.key.object.as_str()).collect();
     let (kind, distance) = match config.dataset.name {
         DatasetName::Sequences => ("recorded sequences", "each one's own".to_owned()),
         _ => ("objects", format!("{} m", config.episode.working_distance_m)),
     };
+    // Beside those that are left, "not run" would be taken for these.
+    let (preliminary, not_run) = match unfinished {
+        Some(unfinished) => (format!("Preliminary report, {unfinished}. "), "could not be run"),
+        None => (String::new(), "not run"),
+    };
     format!(
-        "{} episodes of {} policies on {} {kind} ({}), seed {}, {} next views after the first, working distance {distance}, \
-         {} episodes not run. Never reached counts {} views. Intervals are 95 %, bootstrapped.",
+        "{preliminary}{} episodes of {} policies on {} {kind} ({}), seed {}, {} next views after the first, working \
+         distance {distance}, {} episodes {not_run}. Never reached counts {} views. Intervals are 95 %, bootstrapped.",
         contents.episodes.len(),
         policies.len(),
         objects.len(),
@@ -224,7 +253,7 @@ fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
         config.seed,
         config.episode.num_views,
         contents.skipped.len(),
-        config.views_if_unreached,
+        config.views_if_unreached(),
     )
 }
 
@@ -250,12 +279,13 @@ fn html(
     contents: &Contents,
     config: &EvaluateConfig,
     policies: &[String],
+    headline: &str,
     figures: &[(&str, &str, String)],
     tables: &[Table],
     objects: &[Object],
 ) -> String {
     let mut page = String::from(include_str!("report/head.html"));
-    let _ = write!(page, "<h1>Results</h1><p>{}</p>", formats::html::escape(&headline(contents, config, policies)));
+    let _ = write!(page, "<h1>Results</h1><p>{}</p>", formats::html::escape(headline));
     for (_, heading, svg) in figures {
         let _ = write!(page, "<h2>{heading}</h2>{svg}");
     }

@@ -8,8 +8,9 @@ use crate::networks::Networks;
 use crate::objects;
 use crate::policies::{Policy, weights_of};
 use crate::record::EpisodeKey;
-use crate::report::{self, tables::Rows};
+use crate::report::{self, Unfinished, tables::Rows};
 use datagen::dataset::DatasetError;
+use datagen::{OutputError, OutputKind, check_output};
 use formats::lock::{LOCK, LockError, try_lock};
 use formats::run::RunDir;
 use formats::{ConfigError, FormatError};
@@ -22,6 +23,9 @@ pub enum ReportError {
     /// There are no such objects.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    /// The directory is another program's.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Another process writes there.
     #[error(transparent)]
     Lock(#[from] LockError),
@@ -78,6 +82,7 @@ pub fn run(
 ) -> Result<Ended, ReportError> {
     let names: Vec<String> = policies.iter().map(Policy::to_string).collect();
     let sources = objects::list(config)?;
+    check_output(out, OutputKind::Evaluation)?;
     let _lock = try_lock(out, LOCK, "evaluate")?;
     let (journal, mut contents) = Journal::open(out, &config.outcome_hash()?)?;
     for policy in policies {
@@ -102,17 +107,18 @@ pub fn run(
     contents.skipped.retain(|s| wanted(&s.key));
     if outcome.left > 0 {
         let done = contents.episodes.len();
+        let unfinished = Unfinished { left: outcome.left, asked: outcome.asked };
         if done > 0 {
-            report::write(out, &contents, config, &names, &outcome.shown)?;
+            report::write(out, &contents, config, &names, &outcome.shown, Some(unfinished))?;
         }
-        directory.finish("stopped; the same command resumes")?;
+        directory.finish(&format!("stopped; {unfinished}; the same command resumes"))?;
         return Ok(Ended::Stopped { done, left: outcome.left });
     }
     if let Err(nothing) = outcome.anything(&contents) {
         directory.finish("nothing could be run")?;
         return Err(nothing.into());
     }
-    let rows = report::write(out, &contents, config, &names, &outcome.shown)?;
+    let rows = report::write(out, &contents, config, &names, &outcome.shown, None)?;
     directory.finish("finished")?;
     Ok(Ended::Finished { rows: Box::new(rows), contents })
 }

@@ -103,7 +103,7 @@ fn a_worse_policy_ranks_last_and_the_search_first() {
     }
     let rank = |policy: &str| {
         let runs = Runs::of(&records, policy);
-        let mean = |f| runs.column(f, config.views_if_unreached).mean();
+        let mean = |f| runs.column(f, config.views_if_unreached()).mean();
         efficiency(mean(Figure::FinalCoverage), mean(Figure::ViewsTo(90))).expect("episodes")
     };
     let (stay, random, search) = (rank("stay"), rank("random-sphere"), rank("benbv"));
@@ -146,7 +146,7 @@ fn outputs_do_not_depend_on_threads_nor_on_a_stop_in_between() {
     let resumed = run_into(two.path(), &objects, &config, &policies, 2, &never);
     assert_eq!(straight.episodes.len(), 2 * 2 * policies.len());
     for (directory, contents) in [(&one, &straight), (&two, &resumed)] {
-        report::write(directory.path(), contents, &config, &names, &objects).expect("written");
+        report::write(directory.path(), contents, &config, &names, &objects, None).expect("written");
     }
     for file in [
         "episodes.jsonl",
@@ -305,7 +305,7 @@ fn asked_to_stop_after_the_last_episode_nothing_is_left() {
     assert_eq!(outcome.anything(&contents), Ok(()));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let (outcome, contents) = pool.install(|| run_batches(&config, 1));
-    assert_eq!((outcome.left, contents.episodes.len()), (3, 1), "asked to stop before the last one");
+    assert_eq!((outcome.left, outcome.asked, contents.episodes.len()), (3, 4, 1), "asked to stop before the last one");
 }
 
 #[test]
@@ -328,10 +328,18 @@ fn a_stopped_run_reports_what_it_has_and_resumes_to_the_same_bytes() {
     let stopped = pool.install(|| run(0, 1));
     assert!(matches!(stopped, evaluate::run::Ended::Stopped { done: 1, left: 3 }));
     let preliminary = report(0);
-    assert!(preliminary.starts_with("# Results\n\n1 episodes of 1 policies"), "{preliminary}");
+    let headline = "Preliminary report, unfinished: 3 of 4 episodes left. 1 episodes of 1 policies";
+    assert!(preliminary.starts_with(&format!("# Results\n\n{headline}")), "{preliminary}");
+    assert!(preliminary.contains("0 episodes could not be run."), "{preliminary}");
+    let page = std::fs::read_to_string(folders[0].path().join("report.html")).expect("a page");
+    assert!(page.contains(headline), "the page says so too");
+    let compared = || report::folder::read(folders[0].path()).expect("a folder").unfinished;
+    assert_eq!(compared().as_deref(), Some("unfinished: 3 of 4 episodes left"));
     run(0, usize::MAX);
     run(1, usize::MAX);
     assert_ne!(report(0), preliminary);
+    assert_eq!(compared(), None);
+    assert!(report(0).contains(", 0 episodes not run.") && !report(0).contains("unfinished"), "{}", report(0));
     assert_eq!(report(0), report(1), "the final report does not depend on the stop");
 }
 

@@ -37,6 +37,10 @@ fn wrong_use_is_found_before_any_work() {
     refused(&["--policies", "bnbv"], "did you mean \"benbv\"?", 1);
     refused(&["--set", "policies=[\"see:fast\"]"], "r010", 1);
     refused(&["--policies", "see", "--baseline", "bnbv"], "baseline", 1);
+    refused(&["--policies", "see,farthest", "--baseline", "benbv"], "expected one of see, farthest, or add", 1);
+    refused(&["--policies", "oracle:60:30"], "overlap from 0 to 1, e.g. 60:0.3", 1);
+    refused(&["--policies", "benbv:3000000000"], "up to 10,000,000", 1);
+    refused(&["--set", "episode.num_views=40", "--set", "views_if_unreached=17"], "17 with episode.num_views = 40", 1);
     refused(&["--policies", "recorded-order"], "only runs on recorded sequences", 1);
     refused(&["--policies", "benbv-net:no/such"], "needs weights", 1);
     refused(&["--policies", "volumetric:learned"], "learn_forecasts", 1);
@@ -75,7 +79,18 @@ fn a_run_without_usable_objects_fails_and_a_run_prints_typed_rows() {
     let rows: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     let number = |key: &str| rows["policies"][0][key].as_f64().unwrap_or_else(|| panic!("{key}: {rows}"));
     let (low, value) = (number("coverage_percent_ci_episodes_low"), number("coverage_percent"));
-    assert!(low <= value && number("efficiency_ci_objects_high") > 0.0);
+    assert!(low <= value && number("efficiency_ci_episodes_high") > 0.0);
+    let policies = std::fs::read_to_string(directory.path().join("out/policies.csv")).expect("policies");
+    let cell = |key: &str| {
+        let lines: Vec<Vec<&str>> = policies.lines().map(|line| line.split(',').collect()).collect();
+        let place = lines[0].iter().position(|name| *name == key).expect("a column");
+        lines[1][place].to_owned()
+    };
+    assert!(
+        !cell("efficiency_ci_episodes_low").is_empty() && cell("efficiency_ci_objects_low").is_empty(),
+        "{policies}"
+    );
+    assert!(rows["policies"][0]["efficiency_ci_objects_high"].is_null(), "a single object has no interval");
     assert!(rows["paired"][0]["ratio_ci_episodes_low"].is_number(), "{rows}");
     let summary = std::fs::read_to_string(directory.path().join("out/summary.csv")).expect("summary");
     assert!(

@@ -50,7 +50,7 @@ fn ball(folder: &Path) {
 
 /// Exit code, stdout and stderr.
 fn run(directory: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
-    let common = ["--dataset", "sequences", "--root", "recorded", "--set", "resamples=50", "--baseline", "random"];
+    let common = ["--dataset", "sequences", "--root", "recorded", "--set", "resamples=50", "--set", "baseline=random"];
     let mut command = Command::new(env!("CARGO_BIN_EXE_evaluate"));
     command.current_dir(directory).args(common).args(arguments).env_remove("RUST_LOG");
     let output = command.output().expect("the program starts");
@@ -123,6 +123,9 @@ fn what_does_not_go_with_recordings_is_refused() {
     let (code, _, message) = run(directory.path(), &["--policies", "auto:depth-with-background"]);
     assert!(code == Some(1) && message.contains("ball lacks the inputs of auto:depth-with-background"), "{message}");
     assert!(message.contains("no sequence has the inputs that these policies need"), "{message}");
+    // A setting may come from a file made for other policies; a flag is meant for these.
+    assert!(message.contains("baseline = \"random\" is not among the policies of this run"), "{message}");
+    refused(&["--policies", "oracle", "--baseline", "random"], "expected one of oracle, or add it to --policies");
     std::fs::write(folder.join("sequence.json"), "{\"working_distance_m\": 1, \"scans\": [{\"cloud\": \"0.ply\"}]}")
         .expect("written");
     refused(&["--policies", "random"], "at least 2");

@@ -12,7 +12,7 @@ pub use config::RobotConfig;
 pub use inverse::{Solution, Unreached};
 
 use collision::{Balls, near_pairs};
-use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Joints that move, at most.

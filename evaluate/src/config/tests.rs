@@ -19,6 +19,7 @@ fn every_study_loads_and_changes_outcomes() {
     let mut studies = 0;
     for entry in std::fs::read_dir(folder).expect("configs/studies").flatten() {
         let config: EvaluateConfig = formats::config::load(Some(&entry.path()), &[], &[]).expect("loads");
+        config.validate().unwrap_or_else(|e| panic!("{:?}: {e}", entry.path()));
         assert_ne!(config.outcome_hash().expect("hash"), plain, "{:?} changes nothing", entry.path());
         studies += 1;
     }
@@ -29,7 +30,8 @@ fn every_study_loads_and_changes_outcomes() {
 fn outcomes_do_not_depend_on_what_is_run_beside_them() {
     let hash = |c: &EvaluateConfig| c.outcome_hash().expect("hash");
     let plain = EvaluateConfig::default();
-    let more = EvaluateConfig { episodes: 5, policies: vec!["see".into()], views_if_unreached: 16, ..plain.clone() };
+    let more =
+        EvaluateConfig { episodes: 5, policies: vec!["see".into()], views_if_unreached: Some(16), ..plain.clone() };
     assert_eq!(hash(&plain), hash(&more));
     assert_ne!(hash(&plain), hash(&EvaluateConfig { seed: 1, ..plain.clone() }));
 }
@@ -39,4 +41,43 @@ fn the_old_name_of_a_setting_is_refused_with_the_new_one() {
     let error =
         formats::config::load::<EvaluateConfig>(None, &["never=16".to_owned()], &[]).expect_err("renamed").to_string();
     assert!(error.contains("`never` is called `views_if_unreached` now"), "{error}");
+}
+
+#[test]
+fn never_counts_as_more_views_than_there_are() {
+    let with = |num_views: usize, views_if_unreached: Option<usize>| {
+        let mut config = EvaluateConfig { views_if_unreached, ..EvaluateConfig::default() };
+        config.episode.num_views = num_views;
+        config
+    };
+    assert_eq!([15, 40, 8].map(|n| with(n, None).views_if_unreached()), [17, 42, 10]);
+    for (num_views, count) in [(15, 16), (35, 37), (40, 41)] {
+        with(num_views, Some(count)).validate().unwrap_or_else(|e| panic!("{e}"));
+    }
+    let error = with(40, Some(17)).validate().expect_err("refused").to_string();
+    assert!(error.starts_with("views_if_unreached = 17 with episode.num_views = 40: expected"), "{error}");
+    with(40, Some(40)).validate().expect_err("as many as the next views");
+}
+
+#[test]
+fn runs_of_before_can_be_resumed() {
+    let before = EvaluateConfig { views_if_unreached: Some(17), ..EvaluateConfig::default() };
+    let hash = formats::config::hash(&before).expect("hash");
+    assert_eq!(EvaluateConfig::default().outcome_hash().expect("hash"), hash);
+}
+
+#[test]
+fn settings_of_views_without_a_meaning_are_refused() {
+    let refused = |set: fn(&mut EvaluateConfig)| {
+        let mut config = EvaluateConfig::default();
+        set(&mut config);
+        config.validate().expect_err("out of range").to_string()
+    };
+    assert!(refused(|c| c.candidates.tilts_deg.clear()).contains("candidates.tilts_deg"));
+    assert!(
+        refused(|c| c.volumetric.candidates.tilts_deg = vec![f64::NAN]).contains("volumetric.candidates.tilts_deg")
+    );
+    assert!(refused(|c| c.volumetric.min_overlap = 30.0).contains("volumetric.min_overlap"));
+    assert!(refused(|c| c.volumetric.weight_center = -1.0).contains("volumetric.weight_center"));
+    assert!(refused(|c| c.volumetric.voxel_px = 0.0).contains("volumetric.voxel_px"));
 }

@@ -206,7 +206,11 @@ fn meant(suggestion: &Option<String>) -> String {
 }
 
 /// What a number of candidates must be.
-pub(super) const COUNT: &str = "a number of candidates: 20, or a multiple of the number of angles, e.g. 60";
+pub(super) const COUNT: &str =
+    "a number of candidates up to 10,000,000: 20, or a multiple of the number of angles, e.g. 60";
+/// The most that a name may ask for, as `candidates.num_targets`: a mistyped number must not ask for all memory there is.
+const MOST_CANDIDATES: usize = 10_000_000;
+const MIN_OVERLAP: &str = "a set of views, then a minimum overlap from 0 to 1, e.g. 60:0.3";
 const EVIDENCE_NAMES: &str =
     "nothing, or on recorded sequences depth-with-background, depth, camera-positions, clouds or merged";
 const RADIUS: &str = "nothing, paper, or a radius in metres, e.g. 1.5";
@@ -276,7 +280,7 @@ impl FromStr for Policy {
             "benbv" => match variant {
                 None => Kind::Search(None),
                 Some("shifted") => Kind::ShiftedSearch,
-                Some(v) => Kind::Search(Some(v.parse().map_err(|_| unfit(COUNT))?)),
+                Some(v) => Kind::Search(Some(count(v).ok_or_else(|| unfit(COUNT))?)),
             },
             "auto" => match variant {
                 None => Kind::Auto,
@@ -311,8 +315,8 @@ impl FromStr for Policy {
                 None => None,
                 Some(v) => Some(refined(v).ok_or_else(|| unfit(REFINED))?),
             }),
-            "farthest" => match variant.map(str::parse) {
-                Some(Ok(count)) => Kind::FarthestAmong(count),
+            "farthest" => match variant {
+                Some(v) if v.parse::<u128>().is_ok() => Kind::FarthestAmong(count(v).ok_or_else(|| unfit(COUNT))?),
                 _ => Kind::FarthestOnSphere(on_sphere()?),
             },
             "oracle" => {
@@ -322,16 +326,14 @@ impl FromStr for Policy {
                     None => (Radius::Working, 0.0),
                     Some("paper") => (Radius::Paper, 0.0),
                     Some(r) => {
-                        let least = r.parse().ok().filter(|r: &f64| !r.is_nan());
-                        let least =
-                            least.ok_or_else(|| unfit("a set of views, then a minimum overlap, e.g. 60:0.3"))?;
-                        (Radius::Working, least)
+                        let least = r.parse().ok().filter(|r: &f64| (0.0..=1.0).contains(r));
+                        (Radius::Working, least.ok_or_else(|| unfit(MIN_OVERLAP))?)
                     }
                 };
                 let among = match set {
                     "sphere" => Among::Sphere,
                     "33" => Among::PcNbv33,
-                    count => Among::Candidates(count.parse().map_err(|_| unfit(COUNT))?),
+                    number => Among::Candidates(count(number).ok_or_else(|| unfit(COUNT))?),
                 };
                 Kind::Oracle { among, radius, min_overlap }
             }
@@ -339,6 +341,11 @@ impl FromStr for Policy {
         };
         Ok(Self { name: name.to_owned(), kind })
     }
+}
+
+/// A number of candidates, if it is one and not too large.
+fn count(text: &str) -> Option<usize> {
+    text.parse::<usize>().ok().filter(|count| *count <= MOST_CANDIDATES)
 }
 
 /// Distance of a sphere's cameras.

@@ -38,7 +38,7 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
     let carried = || contents.episodes.iter().map(|(record, _)| record).filter(|record| record.arm.is_some());
     let row = |policy: &String| {
         let runs = Runs::of(carried(), policy);
-        let mean = |figure| runs.column(figure, config.views_if_unreached).mean();
+        let mean = |figure| runs.column(figure, config.views_if_unreached()).mean();
         (!runs.is_empty()).then(|| ArmRow {
             policy: policy.clone(),
             episodes: runs.len(),

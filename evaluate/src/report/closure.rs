@@ -15,7 +15,7 @@ const CLEAR: f64 = 3.0;
 /// Gap closure (E - E_best) / (E_baseline - E_best), E the efficiency and E_best that of the best simple rule at hand.
 /// Absent where there is none, or where the baseline's lead is not clear.
 pub fn gap_closures(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Option<Table> {
-    let (views_if_unreached, n, seed) = (config.views_if_unreached, config.resamples, config.seed);
+    let (views_if_unreached, n, seed) = (config.views_if_unreached(), config.resamples, config.seed);
     let runs = |policy: &str| Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
     let baseline = runs(&config.baseline);
     let simple = SIMPLE.iter().filter(|p| policies.iter().any(|q| q == *p));
@@ -24,23 +24,25 @@ pub fn gap_closures(contents: &Contents, config: &EvaluateConfig, policies: &[St
     let (name, best, _) =
         simple.filter_map(|p| Some((*p, runs(p), value(&runs(p))?))).max_by(|a, b| a.2.total_cmp(&b.2))?;
     let lead = efficiency_lead(&baseline, &best, views_if_unreached, n, seed)?;
+    // Without an interval there is no standard error to lead by.
+    let (low, high) = lead.low.zip(lead.high)?;
     // A 95 % interval is 3.92 standard errors wide.
-    if lead.value <= CLEAR * (lead.high - lead.low) / 3.92 {
+    if lead.value <= CLEAR * (high - low) / 3.92 {
         return None;
     }
     let title = format!("Gap closure from {name}");
     let note = format!(
         "(E - E_best) / (E_{0} - E_best), E the efficiency, E_best that of {name}, the best simple rule of this run; {0} \
-         leads it by {1:.2} [{2:.2}, {3:.2}]. Intervals over episodes.",
-        config.baseline, lead.value, lead.low, lead.high
+         leads it by {1:.2} [{low:.2}, {high:.2}]. Intervals over episodes.",
+        config.baseline, lead.value
     );
     let of = |policy: &String| {
         let closure = gap_closure(&runs(policy), &best, &baseline, views_if_unreached, n, seed);
         ClosureRow {
             policy: policy.clone(),
             closure: closure.map(|i| i.value),
-            closure_ci_episodes_low: closure.map(|i| i.low),
-            closure_ci_episodes_high: closure.map(|i| i.high),
+            closure_ci_episodes_low: closure.and_then(|i| i.low),
+            closure_ci_episodes_high: closure.and_then(|i| i.high),
         }
     };
     let rows: Vec<_> = policies.iter().filter(|p| **p != config.baseline && *p != name).map(of).collect();
@@ -55,16 +57,16 @@ mod tests {
 
     /// Episodes of Farthest View that reach 90 % at view 6, of BENBV at 6 - `lead`, or at 6 + `lead` in every `worse`-th,
     /// and of a policy halfway.
-    fn closures(lead: usize, worse: usize) -> Option<Table> {
+    fn closures(episodes: usize, lead: usize, worse: usize) -> Option<Table> {
         let reach = |name: &str, e: usize, view: usize| {
             let coverages: Vec<f64> = (1..=12).map(|v| if v >= view { 0.95 } else { 0.5 }).collect();
             (record("a", name, e, &coverages, &[]), Timing { episode_s: 0.0, decisions_s: Vec::new() })
         };
         let of = |e: usize| {
-            let benbv = if e.is_multiple_of(worse) { 6 + lead } else { 6 - lead };
+            let benbv = if (e + 1).is_multiple_of(worse) { 6 + lead } else { 6 - lead };
             [reach("farthest", e, 6), reach("benbv", e, benbv), reach("mine", e, 6 - lead / 2)]
         };
-        let contents = Contents { episodes: (0..24).flat_map(of).collect(), skipped: Vec::new() };
+        let contents = Contents { episodes: (0..episodes).flat_map(of).collect(), skipped: Vec::new() };
         let policies = ["benbv", "farthest", "mine"].map(str::to_owned);
         gap_closures(&contents, &EvaluateConfig::default(), &policies)
     }
@@ -72,11 +74,13 @@ mod tests {
     #[test]
     fn a_lead_under_three_standard_errors_is_no_measure() {
         // Eight of 24 a view pair worse: views differ by 0.67 on the mean, with a standard error of 0.39.
-        assert_eq!(closures(2, 3).map(|t| t.title), None);
+        assert_eq!(closures(24, 2, 3).map(|t| t.title), None);
         // One of 24: 1.83 and 0.16.
-        let table = closures(2, 24).expect("a clear lead");
+        let table = closures(24, 2, 24).expect("a clear lead");
         assert_eq!((table.title.as_str(), table.rows.len()), ("Gap closure from farthest", 1));
         let closure: f64 = table.rows[0][1].parse().expect("a number");
         assert!((0.4..0.7).contains(&closure), "{:?}", table.rows);
+        // A single episode, in which BENBV leads by far.
+        assert_eq!(closures(1, 2, usize::MAX).map(|t| t.title), None, "it has no standard error");
     }
 }

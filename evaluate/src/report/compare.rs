@@ -1,33 +1,81 @@
 //! Result folders side by side: how each policy changes from one setting to another.
 
+use super::folder::{Folder, Settings};
 use super::policy_order;
-use super::table::{Table, number};
+use super::table::{Table, number, range};
 use crate::bootstrap::{ResampleUnit, efficiency_ratio};
-use crate::journal::Contents;
+use crate::config::EvaluateConfig;
 use crate::metrics::{Figure, Runs, efficiency};
 
-/// A folder's name and what it holds.
-pub struct Folder {
-    /// Name in the header.
-    pub name: String,
-    /// Its journal.
-    pub contents: Contents,
+/// Runs that have no episodes in common.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "--compare: {simulated} was run in the simulator and {recorded} on recorded sequences: their episodes have nothing in \
+     common; compare directories of one kind"
+)]
+pub struct Unlike {
+    /// A folder.
+    pub simulated: String,
+    /// Another one.
+    pub recorded: String,
+}
+
+/// Refuses a run in the simulator beside one on recordings.
+///
+/// # Errors
+/// The first of each kind.
+pub fn check(folders: &[Folder]) -> Result<(), Unlike> {
+    let first = |recorded: bool| {
+        let of_kind = |folder: &&Folder| folder.settings.as_ref().is_some_and(|s| s.recorded() == recorded);
+        folders.iter().find(of_kind).map(|folder| folder.name.clone())
+    };
+    match (first(false), first(true)) {
+        (Some(simulated), Some(recorded)) => Err(Unlike { simulated, recorded }),
+        _ => Ok(()),
+    }
+}
+
+/// Seeds of runs whose episodes are no pairs, one per folder: in the simulator the first views depend on the seed, while
+/// recordings start with the same scan whatever it is.
+fn unpaired_seeds(folders: &[Folder]) -> Option<Vec<u64>> {
+    let seeds: Option<Vec<u64>> = folders.iter().map(|f| f.settings.as_ref().map(|s| s.seed)).collect();
+    let recorded = folders.iter().all(|f| f.settings.as_ref().is_some_and(Settings::recorded));
+    seeds.filter(|seeds| !recorded && seeds.iter().any(|seed| *seed != seeds[0]))
+}
+
+/// What a reader must know before the tables, a sentence each: runs that are unfinished, and seeds that differ.
+pub fn notes(folders: &[Folder]) -> Vec<String> {
+    let unfinished = |f: &Folder| f.unfinished.as_ref().map(|text| format!("{}: {text}.", f.name));
+    let mut notes: Vec<String> = folders.iter().filter_map(unfinished).collect();
+    notes.extend(unpaired_seeds(folders).map(|seeds| {
+        let each: Vec<String> = folders.iter().zip(seeds).map(|(f, seed)| format!("{}: {seed}", f.name)).collect();
+        format!(
+            "The seeds differ ({}): episodes of the same number start from different views and are not pairs, so there is no \
+             table relative to {}.",
+            each.join(", "),
+            folders[0].name
+        )
+    }));
+    notes
+}
+
+/// What a level that was never reached counts as, in views: the default for the most views of these runs, so that all count
+/// alike.
+fn views_if_unreached(folders: &[Folder]) -> usize {
+    let most = folders.iter().filter_map(|f| f.settings.as_ref()).map(|s| s.episode.num_views).max().filter(|n| *n > 0);
+    let mut config = EvaluateConfig::default();
+    config.episode.num_views = most.unwrap_or(config.episode.num_views);
+    config.views_if_unreached()
 }
 
 /// Under the tables of ratios.
 const PAIRED: &str = "Paired, on the episodes that both have; 95 % intervals over episodes, then over objects.";
 
 /// Tables with one column per folder: each figure by policy, and the efficiency relative to the same policy in the first folder, to
-/// the baseline there, and to the baseline within each folder, on the episodes that both have.
-pub fn tables(folders: &[Folder], baseline: &str, views_if_unreached: usize) -> Vec<Table> {
-    let mut policies: Vec<String> = Vec::new();
-    for folder in folders {
-        for policy in policy_order(&folder.contents, &policies) {
-            if !policies.contains(&policy) {
-                policies.push(policy);
-            }
-        }
-    }
+/// the baseline there, and to the baseline within each folder, on the episodes that both have. Between folders whose seeds differ
+/// there are no such episodes.
+pub fn tables(folders: &[Folder], baseline: &str) -> Vec<Table> {
+    let (policies, views_if_unreached) = (policies(folders), views_if_unreached(folders));
     let header: Vec<&str> = std::iter::once("policy").chain(folders.iter().map(|f| f.name.as_str())).collect();
     let build = |title: &str, note: &str, cell: &dyn Fn(&Folder, &str) -> String| {
         let mut table = Table::new(title, note, &header);
@@ -51,15 +99,17 @@ pub fn tables(folders: &[Folder], baseline: &str, views_if_unreached: usize) -> 
         let (episodes, objects) = (ratio(ResampleUnit::Episodes), ratio(ResampleUnit::Objects));
         episodes.zip(objects).map_or_else(
             || "-".to_owned(),
-            |(e, o)| format!("{:.3} [{:.3}, {:.3}], [{:.3}, {:.3}]", e.value, e.low, e.high, o.low, o.high),
+            |(e, o)| format!("{:.3} {}, {}", e.value, range(e.low, e.high, 3), range(o.low, o.high, 3)),
         )
     };
-    vec![
-        build("Efficiency", "", &|f, p| number(eff(f, p), 2)),
-        build(&format!("Efficiency relative to {}", first.name), PAIRED, &|f, p| ratio(&runs(f, p), &runs(first, p))),
-        build(&format!("Efficiency relative to {baseline} of {}", first.name), PAIRED, &|f, p| {
-            ratio(&runs(f, p), &runs(first, baseline))
-        }),
+    let mut tables = vec![build("Efficiency", "", &|f, p| number(eff(f, p), 2))];
+    if unpaired_seeds(folders).is_none() {
+        let title = format!("Efficiency relative to {}", first.name);
+        tables.push(build(&title, PAIRED, &|f, p| ratio(&runs(f, p), &runs(first, p))));
+        let title = format!("Efficiency relative to {baseline} of {}", first.name);
+        tables.push(build(&title, PAIRED, &|f, p| ratio(&runs(f, p), &runs(first, baseline))));
+    }
+    tables.extend([
         build(&format!("Efficiency relative to {baseline} of the same folder"), PAIRED, &|f, p| {
             ratio(&runs(f, p), &runs(f, baseline))
         }),
@@ -68,7 +118,21 @@ pub fn tables(folders: &[Folder], baseline: &str, views_if_unreached: usize) -> 
         build("cv3, %", "", &figure(Figure::Cv3, 1)),
         build("Overlap of next view 1, %", "", &figure(Figure::Overlap(1), 1)),
         build("Chamfer distance, mm", "", &figure(Figure::Chamfer, 3)),
-    ]
+    ]);
+    tables
+}
+
+/// Policies of any folder, each once.
+pub fn policies(folders: &[Folder]) -> Vec<String> {
+    let mut policies: Vec<String> = Vec::new();
+    for folder in folders {
+        for policy in policy_order(&folder.contents, &policies) {
+            if !policies.contains(&policy) {
+                policies.push(policy);
+            }
+        }
+    }
+    policies
 }
 
 fn runs<'a>(folder: &'a Folder, policy: &str) -> Runs<'a> {
@@ -78,26 +142,60 @@ fn runs<'a>(folder: &'a Folder, policy: &str) -> Runs<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::journal::Contents;
     use crate::metrics::tests::record;
     use crate::record::Timing;
+    use crate::report::folder::{Dataset, Episode};
+
+    fn folder(name: &str, c: f64, seed: u64, dataset: &str) -> Folder {
+        let of = |(policy, episode): (&str, usize)| {
+            let timing = Timing { episode_s: 0.0, decisions_s: vec![] };
+            (record("a", policy, episode, &[0.5, c], &[Some(0.4)]), timing)
+        };
+        let episodes = [("benbv", 0), ("benbv", 1), ("see", 0), ("see", 1)].map(of).to_vec();
+        let (dataset, episode) = (Dataset { name: dataset.to_owned() }, Episode { num_views: 15 });
+        Folder {
+            name: name.to_owned(),
+            contents: Contents { episodes, skipped: Vec::new() },
+            settings: Some(Settings { seed, dataset, episode }),
+            unfinished: None,
+        }
+    }
 
     #[test]
     fn folders_stand_side_by_side() {
-        let folder = |name: &str, c: f64| Folder {
-            name: name.to_owned(),
-            contents: Contents {
-                episodes: ["benbv", "see"]
-                    .map(|p| {
-                        (record("a", p, 0, &[0.5, c], &[Some(0.4)]), Timing { episode_s: 0.0, decisions_s: vec![] })
-                    })
-                    .to_vec(),
-                skipped: Vec::new(),
-            },
-        };
-        let tables = tables(&[folder("plain", 0.95), folder("noise", 0.91)], "benbv", 17);
-        assert_eq!(tables[0].header, ["policy", "plain", "noise"]);
-        assert_eq!(tables[0].rows[0], ["benbv", "47.50", "45.50"]);
-        assert!(tables[1].rows[1][2].starts_with("0.958 ["), "{:?}", tables[1].rows[1]);
-        assert!(tables[2].rows[1][1].starts_with("1.000 ["), "see beside benbv of plain: {:?}", tables[2].rows[1]);
+        let mut folders = [folder("plain", 0.95, 0, "folder"), folder("noise", 0.91, 0, "folder")];
+        let of_both = tables(&folders, "benbv");
+        assert_eq!(of_both[0].header, ["policy", "plain", "noise"]);
+        assert_eq!(of_both[0].rows[0], ["benbv", "47.50", "45.50"]);
+        assert_eq!(of_both[1].rows[1][2], "0.958 [0.958, 0.958], -", "one object");
+        assert!(of_both[2].rows[1][1].starts_with("1.000 ["), "see beside benbv of plain: {:?}", of_both[2].rows[1]);
+        assert_eq!((check(&folders), notes(&folders).len()), (Ok(()), 0));
+        folders.iter_mut().for_each(|f| f.settings = None);
+        assert_eq!((tables(&folders, "benbv"), check(&folders)), (of_both, Ok(())), "older folders");
+        folders[1].unfinished = Some("unfinished: 3 of 4 episodes left".to_owned());
+        assert_eq!(notes(&folders), ["noise: unfinished: 3 of 4 episodes left."]);
+    }
+
+    #[test]
+    fn episodes_of_other_seeds_are_no_pairs() {
+        let folders = [folder("plain", 0.95, 0, "folder"), folder("again", 0.95, 1, "folder")];
+        let titles: Vec<String> = tables(&folders, "benbv").into_iter().map(|t| t.title).collect();
+        assert!(!titles.iter().any(|t| t.ends_with(" plain")), "{titles:?}");
+        assert!(titles.contains(&"Efficiency relative to benbv of the same folder".to_owned()), "{titles:?}");
+        let notes = notes(&folders);
+        assert!(notes[0].contains("plain: 0, again: 1") && notes[0].contains("not pairs"), "{notes:?}");
+        let recorded = [folder("a", 0.95, 0, "sequences"), folder("b", 0.95, 1, "sequences")];
+        assert_eq!(unpaired_seeds(&recorded), None, "they start with the same scans");
+        let error = check(&[folder("s", 0.9, 0, "folder"), folder("r", 0.9, 0, "sequences")]).expect_err("unlike");
+        assert_eq!((error.simulated.as_str(), error.recorded.as_str()), ("s", "r"));
+    }
+
+    #[test]
+    fn never_counts_alike_in_all_folders() {
+        let mut folders = [folder("plain", 0.8, 0, "folder"), folder("long", 0.8, 0, "folder")];
+        assert_eq!(views_if_unreached(&folders), 17);
+        folders[1].settings.as_mut().expect("settings").episode.num_views = 40;
+        assert_eq!(views_if_unreached(&folders), 42);
     }
 }

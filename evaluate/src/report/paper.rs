@@ -81,7 +81,7 @@ pub fn beside_the_paper(contents: &Contents, config: &EvaluateConfig, policies: 
     );
     for policy in policies {
         let runs = runs(contents, policy);
-        let m = |f| runs.column(f, config.views_if_unreached).mean();
+        let m = |f| runs.column(f, config.views_if_unreached()).mean();
         let (c, v) = (m(Figure::FinalCoverage), m(Figure::ViewsTo(90)));
         let ours = [c, runs.cv_of_mean_list(), m(Figure::Chamfer), m(Figure::Hausdorff), efficiency(c, v), v];
         let mut push = |source: &str, values: [Option<f64>; 6]| {
@@ -130,7 +130,7 @@ pub fn beside_the_published_code(contents: &Contents, config: &EvaluateConfig, p
         }
         let mut row = vec![object.to_owned(), policy.to_owned(), format!("{} / {count}", runs.len())];
         for (figure, index, _) in COMPARED {
-            let column = runs.column(figure, config.views_if_unreached);
+            let column = runs.column(figure, config.views_if_unreached());
             let ratio = (|| {
                 let d = deviation(&column)?;
                 let se = d / (runs.len() as f64).sqrt() + d / (count as f64).sqrt();

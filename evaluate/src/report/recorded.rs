@@ -5,7 +5,7 @@ use super::table::{Row, Table, number, range};
 use crate::bootstrap::{Interval, ResampleUnit, draws, mean_interval};
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
-use crate::metrics::{Figure, Runs, mean};
+use crate::metrics::{Figure, Runs, mean, quantile};
 use crate::record::EpisodeRecord;
 use datagen::dataset::DatasetName;
 use serde::Serialize;
@@ -170,7 +170,7 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
         if runs.is_empty() || (sequence == ALL && runs.objects().len() < sequences.len()) {
             return None;
         }
-        let column = |figure| runs.column(figure, config.views_if_unreached);
+        let column = |figure| runs.column(figure, config.views_if_unreached());
         let drawn = |over| draws(&column(Figure::FinalCoverage).sizes(), over, config.resamples, config.seed);
         let starts = drawn(ResampleUnit::Episodes);
         let over_starts = |percent| mean_interval(&column(Figure::ViewsTo(percent)), &starts);
@@ -178,7 +178,7 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
             .then(|| mean_interval(&column(Figure::ViewsTo(90)), &drawn(ResampleUnit::Objects)))
             .flatten();
         let [v80, v90, v95] = [80, 90, 95].map(over_starts);
-        let (low, high) = (|i: Option<Interval>| i.map(|i| i.low), |i: Option<Interval>| i.map(|i| i.high));
+        let (low, high) = (|i: Option<Interval>| i.and_then(|i| i.low), |i: Option<Interval>| i.and_then(|i| i.high));
         let value = |i: Option<Interval>| i.map(|i| i.value);
         Some(RecordedRow {
             sequence: sequence.to_owned(),
@@ -238,10 +238,9 @@ pub fn forecasts(contents: &Contents, config: &EvaluateConfig, policies: &[Strin
                 .collect();
             let of = |after: Option<usize>| {
                 let chosen: Vec<_> = steps.iter().filter(|(i, ..)| after.is_none_or(|a| a == *i)).collect();
-                let mut ratios: Vec<f64> =
+                let ratios: Vec<f64> =
                     chosen.iter().filter(|(.., gain)| *gain >= LEAST_GAIN).map(|(_, e, gain)| e / gain).collect();
-                ratios.sort_by(f64::total_cmp);
-                let at = |share: f64| ratios.get((share * (ratios.len().max(1) - 1) as f64).round() as usize).copied();
+                let at = |share: f64| quantile(ratios.clone(), share);
                 let near = ratios.iter().filter(|r| (0.5..=2.0).contains(*r)).count();
                 ForecastRow {
                     sequence: sequence.to_owned(),

@@ -4,7 +4,7 @@ use super::table::{Row, Table, number, range};
 use crate::bootstrap::{ResampleUnit, draws, mean_interval};
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
-use crate::metrics::{Figure, Runs};
+use crate::metrics::{Figure, Runs, quantile};
 use crate::record::EpisodeRecord;
 use datagen::registration::ViewRegistration;
 use serde::Serialize;
@@ -131,7 +131,7 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
 }
 
 fn row(policy: &str, runs: &Runs, config: &EvaluateConfig) -> RegistrationRow {
-    let column = |figure| runs.column(figure, config.views_if_unreached);
+    let column = |figure| runs.column(figure, config.views_if_unreached());
     let m = |figure| column(figure).mean();
     let failed = column(Figure::FailedIn(5));
     let interval =
@@ -147,8 +147,8 @@ fn row(policy: &str, runs: &Runs, config: &EvaluateConfig) -> RegistrationRow {
         coverage_after_8_percent: m(Figure::CoverageAfter(8)),
         coverage_after_15_percent: m(Figure::CoverageAfter(15)),
         failed_in_first_5_percent: failed.mean(),
-        failed_in_first_5_percent_ci_episodes_low: interval.map(|i| i.low),
-        failed_in_first_5_percent_ci_episodes_high: interval.map(|i| i.high),
+        failed_in_first_5_percent_ci_episodes_low: interval.and_then(|i| i.low),
+        failed_in_first_5_percent_ci_episodes_high: interval.and_then(|i| i.high),
         failed_ever_percent: m(Figure::FailedIn(u8::MAX)),
         off_at_end_in_first_5_percent: m(Figure::OffAtEnd(5)),
         refused_views: m(Figure::RefusedViews),
@@ -214,9 +214,8 @@ pub fn failures(contents: &Contents) -> Vec<FailureRow> {
     rows
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+fn median(values: Vec<f64>) -> Option<f64> {
+    quantile(values, 0.5)
 }
 
 /// The tables; none where nothing was registered.

@@ -10,7 +10,7 @@ use crate::bootstrap::{
 };
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
-use crate::metrics::{Figure, Runs, efficiency, mean};
+use crate::metrics::{Figure, Runs, efficiency, mean, quantile};
 use crate::record::EpisodeRecord;
 use datagen::End;
 use serde::Serialize;
@@ -121,11 +121,11 @@ fn runs<'a>(contents: &'a Contents, policy: &str) -> Runs<'a> {
 }
 
 fn low(interval: Option<Interval>) -> Option<f64> {
-    interval.map(|i| i.low)
+    interval?.low
 }
 
 fn high(interval: Option<Interval>) -> Option<f64> {
-    interval.map(|i| i.high)
+    interval?.high
 }
 
 fn value(interval: Option<Interval>) -> Option<f64> {
@@ -133,7 +133,7 @@ fn value(interval: Option<Interval>) -> Option<f64> {
 }
 
 fn overall(runs: &Runs, config: &EvaluateConfig, policy: &str) -> PolicyRow {
-    let views_if_unreached = config.views_if_unreached;
+    let views_if_unreached = config.views_if_unreached();
     let column = |f| runs.column(f, views_if_unreached);
     let m = |f| column(f).mean();
     let final_coverage = column(Figure::FinalCoverage);
@@ -178,7 +178,7 @@ fn against_baseline(contents: &Contents, config: &EvaluateConfig, policies: &[St
     if baseline.is_empty() {
         return Vec::new();
     }
-    let (views_if_unreached, n, seed) = (config.views_if_unreached, config.resamples, config.seed);
+    let (views_if_unreached, n, seed) = (config.views_if_unreached(), config.resamples, config.seed);
     let of = |policy: &String| {
         let runs = runs(contents, policy);
         let ratio = |over| efficiency_ratio(&runs, &baseline, views_if_unreached, over, n, seed);
@@ -219,7 +219,7 @@ fn per_object(contents: &Contents, config: &EvaluateConfig, policies: &[String])
             if runs.is_empty() {
                 continue;
             }
-            let column = |f| runs.column(f, config.views_if_unreached);
+            let column = |f| runs.column(f, config.views_if_unreached());
             let m = |f| column(f).mean();
             let se = |f| column(f).standard_error();
             rows.push(ObjectRow {
@@ -256,14 +256,13 @@ pub fn timing(contents: &Contents, policies: &[String]) -> Table {
     let of = |policy: &String| {
         let times = || contents.episodes.iter().filter(|(r, _)| r.key.policy == *policy).map(|(_, t)| t);
         let seconds = mean(times().map(|t| t.episode_s));
-        let mut decisions: Vec<f64> = times().flat_map(|t| t.decisions_s.iter().copied()).collect();
-        decisions.sort_by(f64::total_cmp);
+        let decisions: Vec<f64> = times().flat_map(|t| t.decisions_s.iter().copied()).collect();
         TimeRow {
             policy: policy.clone(),
             episode_cpu_s: seconds,
             objects_per_cpu_s: seconds.map(|s| 1.0 / s),
             decision_mean_ms: mean(decisions.iter().map(|d| 1e3 * d)),
-            decision_median_ms: decisions.get(decisions.len() / 2).map(|d| 1e3 * d),
+            decision_median_ms: quantile(decisions, 0.5).map(|d| 1e3 * d),
         }
     };
     Table::of(

@@ -64,7 +64,7 @@ pub struct VolumetricConfig {
     pub presume_background: bool,
     /// The workspace; absent: around the cloud, again whenever that outgrows it.
     pub workspace: Option<Workspace>,
-    /// A cube beyond which nothing was kept of any scan: the workspace, where that around the cloud would be larger. Not a setting.
+    /// A cube beyond which nothing was kept of any scan: the workspace, unless that around the cloud is much smaller. Not a setting.
     #[serde(skip)]
     pub bound: Option<Workspace>,
 }
@@ -85,6 +85,8 @@ impl Default for VolumetricConfig {
     }
 }
 
+/// A bound this many times as wide as the cube around the cloud would only make voxels coarse.
+const BOUND: f64 = 1.5;
 /// Weight of the gain in the score.
 const GAIN: f64 = 1.3;
 /// Weight of the expected surface in the coverage that the score goes by: gain and overlap change places early.
@@ -173,6 +175,8 @@ pub struct VolumetricPlanner {
     /// Through the grid as it was at the last decision.
     leaps: Option<Leaps>,
     surface: Surface,
+    /// Whether the grid's cube holds all that can come.
+    bounded: bool,
 }
 
 impl VolumetricPlanner {
@@ -198,8 +202,9 @@ impl VolumetricPlanner {
         silhouettes.sum::<usize>() + leaps + self.grid.as_ref().map_or(0, VoxelGrid::memory)
     }
 
-    fn new_grid(&self, state: &ScanState) -> VoxelGrid {
-        let workspace = self.config.workspace.unwrap_or_else(|| {
+    fn new_grid(&mut self, state: &ScanState) -> VoxelGrid {
+        let mut given = self.config.workspace;
+        let workspace = given.unwrap_or_else(|| {
             let (low, high) = state.cloud.bounding_box();
             let (middle, diagonal) = (nalgebra::center(&low, &high), (high - low).norm());
             // The object reaches behind what was seen, about as far as it is wide.
@@ -207,8 +212,10 @@ impl VolumetricPlanner {
             let directions = state.scans.iter().map(|s| away(s).try_normalize(0.0).unwrap_or_default());
             let mean = directions.sum::<Vector3<f64>>() / state.scans.len().max(1) as f64;
             let around = Workspace { center_m: (middle + mean * (0.2 * diagonal)).into(), half_m: 0.75 * diagonal };
-            self.config.bound.filter(|bound| bound.half_m < around.half_m).unwrap_or(around)
+            given = self.config.bound.filter(|bound| bound.half_m < BOUND * around.half_m);
+            given.unwrap_or(around)
         });
+        self.bounded = given.is_some();
         let pixel = state.camera.pixel_size(state.working_distance).max(state.grid_size);
         let voxel = (2.0 * state.tolerance).max(pixel).min(self.config.voxel_px * pixel).max(f64::MIN_POSITIVE);
         VoxelGrid::new(&Point3::from(workspace.center_m), workspace.half_m.max(voxel), voxel)

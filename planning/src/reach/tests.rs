@@ -2,6 +2,7 @@ use super::*;
 use crate::constraints::Constraint;
 use crate::{Scan, Session, SessionConfig, TurntableConfig};
 use geometry::{NeighborGrid, PointCloud};
+use nalgebra::Point3;
 use std::time::Instant;
 
 /// Two links of 0.4 and 0.3 m about z, and a camera that looks along the second.

@@ -33,7 +33,17 @@ fn bad_names_are_refused_with_the_way_out() {
     assert!(message("pc-nbv:fast").contains("paper"));
     assert!(message("random-boundary:2").contains("expected nothing"));
     assert!(message("volumetric:best").contains("learned") && message("volumetric:true-x").contains("learned"));
-    assert!(message("oracle:60:x").contains("overlap"));
+    for least in ["x", "30", "2", "-1", "nan", "inf"] {
+        let text = message(&format!("oracle:60:{least}"));
+        assert!(text.contains("overlap from 0 to 1, e.g. 60:0.3"), "{text}");
+    }
+    for family in ["benbv", "farthest", "oracle"] {
+        let text = message(&format!("{family}:3000000000"));
+        assert!(text.contains("3000000000") && text.contains("up to 10,000,000"), "{text}");
+    }
+    for good in ["oracle:60:0", "oracle:60:1", "benbv:10000000", "farthest:0.5"] {
+        good.parse::<Policy>().unwrap_or_else(|e| panic!("{e}"));
+    }
 }
 
 #[test]

@@ -72,7 +72,8 @@ fn scans_after_a_failure_do_not_count_against_their_overlap() {
     let find = |by: &str, from: f64| failures.iter().find(|r| r.by == by && r.from == from).expect("a bin");
     assert_eq!((find("lambda", 25.0).scans, find("lambda", 25.0).failed_percent), (1, Some(0.0)), "one of two");
     assert_eq!((find("lambda", 0.0).scans, find("lambda", 0.0).failed_percent), (1, Some(100.0)), "refused: none");
-    assert_eq!((find("overlap", 30.0).scans, find("overlap", 30.0).left_median_mm), (2, Some(0.4)));
+    let left = find("overlap", 30.0).left_median_mm.expect("scans");
+    assert!(find("overlap", 30.0).scans == 2 && (left - 0.3).abs() < 1e-9, "between 0.2 and 0.4: {left}");
     assert_eq!(find("expected_lambda", 4.0).scans, 2);
     assert_eq!((find("overlap", 60.0).scans, find("overlap", 60.0).failed_percent), (0, None));
 }

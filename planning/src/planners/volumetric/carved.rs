@@ -52,7 +52,7 @@ fn told_misses(scan: &PastScan) -> NoReturn {
 impl VolumetricPlanner {
     /// The grid with all scans in it, or as many as there was time for.
     pub(super) fn carved_grid(&mut self, state: &ScanState) -> VoxelGrid {
-        let bounded = self.config.workspace.is_some();
+        let bounded = self.bounded;
         let (low, high) = state.cloud.bounding_box();
         let stays = |old: &PastScan, new: &PastScan| {
             let motion = new.world_from_camera * old.world_from_camera.inverse();
