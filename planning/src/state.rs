@@ -6,6 +6,7 @@ use geometry::neighbors::{NeighborGrid, Neighborhoods};
 use geometry::{DepthImage, PinholeCamera, PointCloud, View};
 use nalgebra::{Isometry3, Point3};
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
 /// What a pixel without a return says about its ray.
@@ -76,6 +77,8 @@ pub struct ScanState {
     /// The scans so far, oldest first. Empty, or shorter than `num_scans`, where only clouds are known.
     /// Shared: planners remember which of them they have taken in.
     pub scans: Vec<Arc<PastScan>>,
+    /// Of each of these, the scan of the session that it is of, from 1: a line scanner's is several. Empty: each is one.
+    pub of_scan: Vec<usize>,
     /// Number of scans in `cloud`, at least 1 (the network's view order is this minus one).
     pub num_scans: usize,
     /// Spacing of the accumulated cloud, metres: of one that is averaged the edge of its voxels, which is the mean
@@ -103,6 +106,16 @@ pub struct ScanState {
 }
 
 impl ScanState {
+    /// The number of the scan that the i-th of `scans` is of, from 1.
+    pub fn number(&self, i: usize) -> usize {
+        self.of_scan.get(i).copied().unwrap_or(i + 1)
+    }
+
+    /// Scans of which at least one camera is known.
+    pub fn num_placed(&self) -> usize {
+        (0..self.scans.len()).map(|i| self.number(i)).collect::<BTreeSet<_>>().len()
+    }
+
     /// The given views as targets and positions: each looks at what is the working distance ahead of it.
     pub fn given(&self) -> Vec<View> {
         let ahead = Point3::new(0.0, 0.0, self.working_distance);

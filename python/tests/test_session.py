@@ -116,7 +116,7 @@ def test_undo_reset_and_settings(sheet):
     assert vertices.shape[1] == triangles.shape[1] == 3 and triangles.max() == len(vertices) - 1
     assert np.abs(vertices[:, 2] - sheet[0, 2]).max() < 2e-3, "on the sheet"
     assert session.config["working_distance_m"] == 0.8
-    with pytest.raises(ValueError, match="tolerance_m = -1: expected a positive number"):
+    with pytest.raises(ValueError, match="tolerance_m = -1.0: expected 1e-6 to 1e6 metres"):
         session.configure(tolerance_m=-1)
     assert session.config["tolerance_m"] == 0.002
     session.reset()

@@ -30,7 +30,7 @@ pub enum Evidence {
 impl Evidence {
     /// What all the scans of a state have.
     pub fn of(state: &ScanState) -> Self {
-        if state.scans.is_empty() || state.scans.len() < state.num_scans {
+        if state.scans.is_empty() || state.num_placed() < state.num_scans {
             return Self::Unplaced;
         }
         let each = state.scans.iter().map(|scan| match &scan.seen {
@@ -197,7 +197,7 @@ impl AutoPlanner {
         (planner == PlannerName::Volumetric).then(|| self.volumetric.surface())
     }
 
-    /// The scans, from 1, whose misses proved not to be free space.
+    /// Which of the past scans, from 0, have misses that proved not to be free space.
     pub fn scans_with_distrusted_misses(&self) -> Vec<usize> {
         self.volumetric.scans_with_distrusted_misses()
     }

@@ -177,6 +177,8 @@ pub struct VolumetricPlanner {
     surface: Surface,
     /// Whether the grid's cube holds all that can come.
     bounded: bool,
+    /// Scans at the last decision.
+    placed: usize,
 }
 
 impl VolumetricPlanner {
@@ -228,6 +230,7 @@ impl VolumetricPlanner {
         if state.scans.is_empty() || cloud.is_empty() || !cloud.has_normals() {
             return Forecasts::default();
         }
+        self.placed = state.num_placed();
         let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
         let mut candidates: Vec<(View, Isometry3<f64>)> = if state.given_views.is_empty() {
             let own = candidate_views(cloud, &near, state.working_distance, &self.config.candidates, rng);
@@ -316,7 +319,7 @@ impl VolumetricPlanner {
         let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
         let least = match self.config.min_overlap {
             none if none <= 0.0 => 0.0,
-            asked => asked + margin(self.carved.len()),
+            asked => asked + margin(self.placed),
         };
         let low = |r: &RankedView| r.cautious_overlap.unwrap_or(0.0) < least;
         ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));
@@ -343,8 +346,8 @@ impl Planner for VolumetricPlanner {
     }
 
     fn rank_views(&mut self, state: &ScanState, rng: &mut ChaCha8Rng) -> Result<Vec<RankedView>, PlanError> {
-        if state.scans.is_empty() || state.scans.len() < state.num_scans {
-            let (known, all) = (state.scans.len(), state.num_scans);
+        let (known, all) = (state.num_placed(), state.num_scans);
+        if known == 0 || known < all {
             return Err(PlanError::lacks("volumetric", format!("the cameras of {known} of {all} scans are known")));
         }
         let forecasts = self.forecast(state, rng);

@@ -56,10 +56,8 @@ impl Session {
                 ));
             }
         }
-        // A scan may be several to the planner: a line scanner's.
-        let numbers: Vec<usize> = self.scans.iter().flat_map(|s| s.past.iter().map(|_| s.number)).collect();
-        let distrusted = self.planners.scans_with_distrusted_misses();
-        for number in distrusted.into_iter().filter_map(|i| numbers.get(i - 1)) {
+        for i in self.planners.scans_with_distrusted_misses() {
+            let number = self.state.number(i);
             doubts.push(format!(
                 "scan {number} has pixels without a return where other scans saw surface: its misses are not treated as free space (misses, --misses unknown)"
             ));

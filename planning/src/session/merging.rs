@@ -63,6 +63,7 @@ impl Session {
             reach,
             cloud,
             scans: scans.iter().flat_map(|scan| scan.past.iter().cloned()).collect(),
+            of_scan: scans.iter().flat_map(|scan| scan.past.iter().map(|_| scan.number)).collect(),
             num_scans: scans.len(),
             grid_size,
             working_distance: config.working_distance_m,

@@ -7,7 +7,8 @@ use super::march::Marcher;
 use crate::ScanState;
 use rayon::prelude::*;
 
-/// What is left of it after each scan that measured nothing there; the first may have met its edge. On a recorded toy on a table the gains told after four to
+/// What is left of it after each scan that measured nothing there, or each piece of a line scan, which look from different sides; the first
+/// may have met its edge. On a recorded toy on a table the gains told after four to
 /// nine scans were 1.3 to 4 times the true ones without it (docs/log.md).
 const LEFT: f32 = 0.5;
 

@@ -121,9 +121,9 @@ impl VolumetricPlanner {
         any
     }
 
-    /// The scans, from 1, whose misses were declared free space although other scans saw surface there.
+    /// Which of the past scans, from 0, were declared to have free space where others saw surface.
     pub fn scans_with_distrusted_misses(&self) -> Vec<usize> {
-        (1..).zip(&self.carved).filter(|(_, c)| c.is_distrusted()).map(|(number, _)| number).collect()
+        (0..self.carved.len()).filter(|&i| self.carved[i].is_distrusted()).collect()
     }
 }
 

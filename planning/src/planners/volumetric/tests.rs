@@ -30,6 +30,7 @@ fn ball(misses: NoReturn) -> ScanState {
     ScanState {
         cloud,
         scans: vec![Arc::new(scan)],
+        of_scan: Vec::new(),
         num_scans: 1,
         grid_size: 0.0023,
         working_distance: 1.2,
