@@ -58,11 +58,6 @@ impl Candidate {
         Point3::from(self.table.as_ref().map_or(self.position_m, |table| table.cell_from_camera.translation_m))
     }
 
-    /// The camera's pose, as an isometry.
-    pub(crate) fn pose(&self) -> Isometry3<f64> {
-        rigid(&self.world_from_camera.matrix).map_or_else(|_| Isometry3::identity(), |(pose, _)| pose)
-    }
-
     /// What it looks at, there.
     fn target_in_cell(&self) -> Point3<f64> {
         let target = Point3::from(self.target_m);
@@ -71,6 +66,11 @@ impl Candidate {
             Some(to * self.pose().inverse() * target)
         };
         self.table.as_ref().and_then(in_cell).unwrap_or(target)
+    }
+
+    /// The camera's pose in the object's frame.
+    pub(crate) fn pose(&self) -> Isometry3<f64> {
+        rigid(&self.world_from_camera.matrix).map_or_else(|_| Isometry3::identity(), |(pose, _)| pose)
     }
 }
 

@@ -291,7 +291,8 @@ impl Session {
         }
         let choice = self.planners.choose(&self.state)?;
         self.state.budget = request.budget.clone();
-        let before = request.budget.is_limited().then(|| self.planners.clone());
+        let asks = self.ranking.is_none() && request.budget.is_limited();
+        let before = asks.then(|| self.planners.clone());
         let answer = self.ranked(choice.planner).and_then(|ranking| {
             let answer = self.answer(&ranking, choice, current, request);
             self.ranking = Some(ranking).filter(|ranking| ranking.complete);
