@@ -39,10 +39,8 @@ pub fn read_camera(file: &str) -> Result<CameraFile, FormatError> {
 /// # Errors
 /// As [`read_camera`].
 pub fn parse_camera(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<CameraFile, FormatError> {
-    let text = std::str::from_utf8(bytes).map_err(|e| {
-        FormatError::syntax(path, Place::Byte(e.valid_up_to() as u64), "bytes that are no text", EXPECTED)
-    })?;
-    let text = text.trim_start_matches('\u{feff}').trim_start();
+    let text = crate::text::decode(bytes);
+    let text = text.trim_start();
     if text.starts_with('<') {
         return Err(FormatError::syntax(path, Place::File, "XML", "OpenCV's FileStorage as YAML: write it to a .yml"));
     }

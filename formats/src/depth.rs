@@ -128,7 +128,7 @@ pub fn image(
     match largest_integer {
         Some(most) if most <= 255.0 && metres_per_unit.is_none() => notes.push(format!(
             "integers of one byte are taken for millimetres, {most} at most: a picture of the depths? Give the depths as measured, or \
-             the unit (--depth-unit, metres_per_unit)"
+             the unit (--depth-unit, metres_per_unit, depth_unit_m of a sequence)"
         )),
         _ => notes.extend(odd_unit(&depth, largest_integer.is_some()).filter(|_| metres_per_unit.is_none())),
     }
@@ -144,10 +144,11 @@ fn odd_unit(depth: &[f32], integer: bool) -> Option<String> {
     match integer {
         false if median > 50.0 => Some(format!(
             "floats are read as metres, but half of the depths are above {median:.0} m: if they are millimetres, say so \
-             (--depth-unit 0.001, metres_per_unit)"
+             (--depth-unit 0.001, metres_per_unit, depth_unit_m of a sequence)"
         )),
         true if median < 0.02 => Some(format!(
-            "integers are read as millimetres, but half of the depths are below {:.0} mm: if the unit is different, say so (--depth-unit, metres_per_unit)",
+            "integers are read as millimetres, but half of the depths are below {:.0} mm: if the unit is different, say so \
+             (--depth-unit, metres_per_unit, depth_unit_m of a sequence)",
             median * 1000.0 + 1.0
         )),
         _ => None,

@@ -5,7 +5,7 @@ mod body;
 mod header;
 mod write;
 
-pub use write::{ColoredPoint, write_ply, write_ply_mesh, write_ply_scene};
+pub use write::{ColoredPoint, write_ply, write_ply_scene};
 
 use crate::FormatError;
 use crate::cloud::CloudFile;
@@ -15,6 +15,7 @@ use body::{Body, Wanted};
 use geometry::Mesh;
 use header::{Element, Header, Kind};
 use std::borrow::Cow;
+use std::ops::Range;
 use std::path::Path;
 
 /// Names of the list that makes a face.
@@ -29,8 +30,8 @@ struct Content {
     /// Vertices of all faces, one after the other, and where each face ends.
     corners: Vec<i64>,
     ends: Vec<usize>,
-    /// The faces from this one on are strips.
-    strips: Option<usize>,
+    /// Which of the faces are strips.
+    strips: Vec<Range<usize>>,
     notes: Vec<String>,
 }
 
@@ -60,9 +61,7 @@ fn parse(path: &Path, bytes: &[u8], with_faces: bool) -> Result<Content, FormatE
         }
         let faces = with_faces && (is("face") || is("tristrips"));
         let list = if faces { index_list(path, element)? } else { None };
-        if is("tristrips") {
-            content.strips = content.strips.or(Some(content.ends.len()));
-        }
+        let first = content.ends.len();
         body.each(element, &Wanted { scalars: vec![], list }, |_, indices| {
             if list.is_some() {
                 content.corners.extend_from_slice(indices);
@@ -70,6 +69,9 @@ fn parse(path: &Path, bytes: &[u8], with_faces: bool) -> Result<Content, FormatE
             }
             Ok(())
         })?;
+        if is("tristrips") {
+            content.strips.push(first..content.ends.len());
+        }
     }
     vertex?;
     content.notes = body.left_over(&header)?;
@@ -124,7 +126,7 @@ pub(crate) fn parse_mesh(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError>
         };
         let face = &corners[start..end];
         start = end;
-        if strips.is_some_and(|first| number >= first) {
+        if strips.iter().any(|faces| faces.contains(&number)) {
             // Every second triangle of a strip is turned; -1 ends it.
             for strip in face.split(|&i| i == -1) {
                 for (k, t) in strip.windows(3).enumerate() {

@@ -6,7 +6,7 @@ mod conf;
 mod json;
 mod rows;
 
-use crate::{FormatError, Place};
+use crate::{FormatError, Place, text};
 use nalgebra::Isometry3;
 use planning::pose::rigid;
 use std::path::Path;
@@ -51,20 +51,17 @@ pub fn read_poses(path: &Path) -> Result<PoseFile, FormatError> {
 /// # Errors
 /// As [`read_poses`].
 pub fn parse_poses(path: &Path, bytes: &[u8]) -> Result<PoseFile, FormatError> {
-    let text = std::str::from_utf8(bytes).map_err(|e| {
-        FormatError::syntax(path, Place::Byte(e.valid_up_to() as u64), "bytes that are no text", EXPECTED)
-    })?;
-    let text = text.trim_start_matches('\u{feff}');
+    let text = text::decode(bytes);
     let mut file = PoseFile::default();
     if text.trim_start().starts_with(['[', '{']) {
-        file.poses = json::parse(path, text)?;
+        file.poses = json::parse(path, &text)?;
     } else {
-        let first = content(text).next().map_or("", |(_, line)| line);
+        let first = content(&text).next().map_or("", |(_, line)| line);
         file.of_scans = matches!(first.split_whitespace().next(), Some("bmesh" | "camera" | "mesh"));
         file.poses = match () {
-            () if file.of_scans => conf::parse(path, text)?,
-            () if colmap::is_image(first) => colmap::parse(path, text)?,
-            () => rows::parse(path, text)?,
+            () if file.of_scans => conf::parse(path, &text)?,
+            () if colmap::is_image(first) => colmap::parse(path, &text)?,
+            () => rows::parse(path, &text)?,
         };
     }
     if file.poses.is_empty() {
@@ -75,28 +72,39 @@ pub fn parse_poses(path: &Path, bytes: &[u8]) -> Result<PoseFile, FormatError> {
 
 /// Lines with something in them, from 1, without their comments.
 fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let bare = |line: &'_ str| -> usize { line.find('#').unwrap_or(line.len()) };
-    let lines = text.lines().enumerate().map(move |(i, line)| (i + 1, line[..bare(line)].trim()));
+    let lines = text::lines(text).map(|(number, line)| (number, text::without_comment(line).trim()));
     lines.filter(|(_, line)| !line.is_empty())
 }
 
 /// The numbers of a line, with blanks, commas or semicolons between; `None` where something else stands there too.
 fn numbers(line: &str) -> Option<Vec<f64>> {
     let words = line.split(|c: char| c.is_whitespace() || c == ',' || c == ';').filter(|w| !w.is_empty());
-    words.map(|w| w.parse().ok()).collect()
+    words.map(text::number).collect()
 }
 
+/// What a matrix is called, and what it has to be.
+type Given = [&'static str; 2];
+
+const ROWS: Given = ["world_from_camera", "a rigid motion, 4 x 4, row by row, metres"];
+
 /// A matrix of a file as a pose.
-fn of_matrix(path: &Path, place: Place, rows: &[[f64; 4]; 4]) -> Result<FilePose, FormatError> {
-    let (world_from_camera, off) = rigid(rows)
-        .map_err(|reason| FormatError::syntax(path, place, reason, "a rigid motion, 4 x 4, row by row, metres"))?;
+fn of_matrix(
+    path: &Path,
+    place: Place,
+    [name, expected]: Given,
+    rows: &[[f64; 4]; 4],
+) -> Result<FilePose, FormatError> {
+    // The reason takes the matrix for ours.
+    let found = |reason: String| reason.replace(ROWS[0], name).replace(" (the matrix is given row by row)", "");
+    let (world_from_camera, off) =
+        rigid(rows).map_err(|reason| FormatError::syntax(path, place, found(reason), expected))?;
     Ok(FilePose { world_from_camera, intrinsics: None, name: None, off })
 }
 
 /// Rotation (row by row) and translation of a file as a pose.
-fn of_parts(path: &Path, place: Place, r: &[f64; 9], t: &[f64; 3]) -> Result<FilePose, FormatError> {
+fn of_parts(path: &Path, place: Place, given: Given, r: &[f64; 9], t: &[f64; 3]) -> Result<FilePose, FormatError> {
     let row = |i: usize| [r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]];
-    of_matrix(path, place, &[row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]])
+    of_matrix(path, place, given, &[row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]])
 }
 
 /// The same pose, the file having given its inverse.

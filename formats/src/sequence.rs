@@ -51,8 +51,8 @@ struct Described {
     tolerance_m: Option<f64>,
     region_m: Option<[[f64; 3]; 2]>,
     background: Option<bool>,
-    #[serde(default = "millimetre")]
-    depth_unit_m: f64,
+    /// Of the depth images; absent: as [`crate::depth::read_depth`] tells them apart.
+    depth_unit_m: Option<f64>,
     /// Poses of the cameras of scans that tell none themselves.
     poses: Option<String>,
     /// Where the frame of each cloud lies: Stanford's `.conf`.
@@ -78,17 +78,24 @@ fn z() -> [f64; 3] {
     [0.0, 0.0, 1.0]
 }
 
-fn millimetre() -> f64 {
-    0.001
-}
+/// Rotations are off by more than rounding.
+const NOT_ROUNDING: f64 = 1e-3;
 
-/// Reads a sequence by its file `sequence.json`; the clouds and images that it names lie beside it.
+/// Reads a sequence by its file `sequence.json`; the clouds and images that it names lie beside it. What a user should know of
+/// how these were read is logged as a warning.
 ///
 /// # Errors
 /// A file that cannot be read; fewer than two scans; a scan without a camera, or with one that did not take it.
 pub fn read_sequence(path: &Path) -> Result<Sequence, FormatError> {
+    let (sequence, notes) = read_with_notes(path)?;
+    notes.iter().for_each(|note| tracing::warn!("{path:?}: {note}"));
+    Ok(sequence)
+}
+
+/// [`read_sequence`], with what it has to say.
+fn read_with_notes(path: &Path) -> Result<(Sequence, Vec<String>), FormatError> {
     let bytes = crate::file::read(path)?;
-    let described: Described = serde_json::from_slice(&bytes).map_err(|e| {
+    let described: Described = serde_json::from_str(&crate::text::decode(&bytes)).map_err(|e| {
         let expected = "working_distance_m and scans, each with cloud, and camera_position_m or world_from_camera";
         FormatError::syntax(path, Place::Line(e.line()), e.to_string(), expected)
     })?;
@@ -98,7 +105,9 @@ pub fn read_sequence(path: &Path) -> Result<Sequence, FormatError> {
     let poses = in_folder(&described.poses).map(|file| poses::of_cameras(&file, &described.scans)).transpose()?;
     let places = in_folder(&described.placed_by).map(|file| poses::of_scans(&file, &described.scans)).transpose()?;
     let reader = scan::Reader { path, folder, described: &described, poses, places };
-    let raw = (0..described.scans.len()).map(|index| reader.read(index)).collect::<Result<Vec<_>, _>>()?;
+    let mut raw = (0..described.scans.len()).map(|index| reader.read(index)).collect::<Result<Vec<_>, _>>()?;
+    let mut notes: Vec<String> = raw.iter_mut().flat_map(|scan| std::mem::take(&mut scan.notes)).collect();
+    notes.extend(off_rotations(&raw));
     let up = Vector3::from(described.up);
     let middle = middle(raw.iter().map(|scan| &scan.points[..]));
     let scans = raw.into_iter().map(|scan| SequenceScan {
@@ -110,13 +119,25 @@ pub fn read_sequence(path: &Path) -> Result<Sequence, FormatError> {
         },
         image: scan.image,
     });
-    Ok(Sequence {
+    let sequence = Sequence {
         up,
         working_distance_m: described.working_distance_m,
         tolerance_m: described.tolerance_m,
         region_m: described.region_m,
         background: described.background,
         scans: scans.collect(),
+    };
+    Ok((sequence, notes))
+}
+
+/// What is said of poses whose rotations are none.
+fn off_rotations(raw: &[scan::Raw]) -> Option<String> {
+    let (index, worst) = raw.iter().enumerate().max_by(|(_, a), (_, b)| a.off.total_cmp(&b.off))?;
+    (worst.off > NOT_ROUNDING).then(|| {
+        format!(
+            "poses deviate from rotations by up to {:.1e} (scan {index}); the nearest rotations are used",
+            worst.off
+        )
     })
 }
 
@@ -132,7 +153,7 @@ fn check(path: &Path, described: &Described) -> Result<(), FormatError> {
     for (key, value) in [
         ("working_distance_m", Some(described.working_distance_m)),
         ("tolerance_m", described.tolerance_m),
-        ("depth_unit_m", Some(described.depth_unit_m)),
+        ("depth_unit_m", described.depth_unit_m),
     ] {
         if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return wrong(key, value.to_string(), "a positive number");

@@ -4,7 +4,7 @@
 mod mesh;
 mod xml;
 
-use crate::{FormatError, Place};
+use crate::{FormatError, Place, text};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use planning::reach::{Arm, Joint, JointKind, Link, balls_of_box, balls_of_cylinder, balls_of_mesh};
 use std::path::Path;
@@ -34,14 +34,12 @@ pub fn read_urdf(path: &Path, tool: &str) -> Result<UrdfArm, FormatError> {
 /// # Errors
 /// As [`read_urdf`].
 pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, FormatError> {
-    let text = std::str::from_utf8(bytes).map_err(|e| {
-        FormatError::syntax(path, Place::Byte(e.valid_up_to() as u64), "bytes that are no text", EXPECTED)
-    })?;
-    if text.contains("xacro:") {
+    let text = text::decode(bytes);
+    let root =
+        xml::parse(&text).map_err(|(line, found)| FormatError::syntax(path, Place::Line(line), found, EXPECTED))?;
+    if root.has_name("xacro:") {
         return Err(FormatError::syntax(path, Place::File, "xacro macros", "a plain URDF: run xacro on it first"));
     }
-    let root =
-        xml::parse(text).map_err(|(line, found)| FormatError::syntax(path, Place::Line(line), found, EXPECTED))?;
     if root.name != "robot" {
         return Err(FormatError::syntax(path, Place::File, format!("<{}>", root.name), EXPECTED));
     }
@@ -73,7 +71,7 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
                 return Err(wrong(element, "no geometry".into(), "box, cylinder, capsule, sphere"));
             };
             let number = |key: &str| {
-                let value = shape.attribute(key).and_then(|t| t.trim().parse::<f64>().ok());
+                let value = shape.attribute(key).and_then(|t| text::number(t.trim()));
                 value
                     .filter(|x| x.is_finite() && *x >= 0.0)
                     .ok_or_else(|| wrong(element, format!("{} without {key}", shape.name), "a length in metres"))
@@ -129,11 +127,13 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
         };
         let axis = match joint.child("axis").map(|a| triple(a.attribute("xyz"))) {
             None => [1.0, 0.0, 0.0],
+            // Exporters give a joint that does not move an axis of zeros.
+            _ if kind == JointKind::Fixed => [1.0, 0.0, 0.0],
             Some(Some(axis)) if axis.iter().any(|x| *x != 0.0) => axis,
             _ => return Err(wrong(joint, "an axis that is none".into(), "three numbers, not all zero")),
         };
         let limit =
-            |key: &str| joint.child("limit").and_then(|l| l.attribute(key)).and_then(|t| t.trim().parse::<f64>().ok());
+            |key: &str| joint.child("limit").and_then(|l| l.attribute(key)).and_then(|t| text::number(t.trim()));
         let limits = match (kind, joint.attribute("type")) {
             (JointKind::Fixed, _) => [0.0, 0.0],
             (_, Some("continuous")) => [-std::f64::consts::PI, std::f64::consts::PI],
@@ -156,7 +156,7 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
 }
 
 fn triple(text: Option<&str>) -> Option<[f64; 3]> {
-    let numbers: Option<Vec<f64>> = text?.split_whitespace().map(|w| w.parse().ok()).collect();
+    let numbers: Option<Vec<f64>> = text?.split_whitespace().map(text::number).collect();
     numbers?.try_into().ok().filter(|v: &[f64; 3]| v.iter().all(|x| x.is_finite()))
 }
 

@@ -2,6 +2,8 @@
 //! the first document alone. No anchors, no block text. A reader of our own: those to be had are no longer kept, or take far more than
 //! these files hold.
 
+use crate::text;
+
 /// A value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Yaml {
@@ -38,7 +40,7 @@ impl Yaml {
 
     /// A number.
     pub(crate) fn number(&self) -> Option<f64> {
-        self.text().and_then(|text| text.parse().ok())
+        self.text().and_then(text::number)
     }
 }
 
@@ -69,7 +71,7 @@ fn clipped(text: &str) -> &str {
 fn lines(text: &str) -> Result<Vec<Line<'_>>, Fault> {
     let mut lines: Vec<Line> = Vec::new();
     let mut open = 0i64;
-    for (number, raw) in (1..).zip(text.lines()) {
+    for (number, raw) in text::lines(text) {
         let bare = without_comment(raw).trim_end();
         let content = bare.trim_start();
         if open <= 0 && (content.starts_with('%') || content.is_empty()) {
@@ -111,7 +113,7 @@ fn lines(text: &str) -> Result<Vec<Line<'_>>, Fault> {
         }
     }
     match lines.last().filter(|l| l.number == 0) {
-        Some(_) => Err((text.lines().count(), "a bracket that is never closed".to_owned())),
+        Some(_) => Err((text::lines(text).count(), "a bracket that is never closed".to_owned())),
         None => Ok(lines),
     }
 }

@@ -143,3 +143,17 @@ fn a_key_given_twice_is_no_calibration() {
     assert!(error.contains("a.json\", line 1: found key \"fx\" a second time"), "{error}");
     assert!(parse_camera(Path::new("a.json"), text.replace("\"fx\": 80, ", "").as_bytes(), None).is_ok());
 }
+
+#[test]
+fn text_of_any_system_is_read() {
+    let wide: Vec<u8> = [0xff, 0xfe].into_iter().chain(ROS.encode_utf16().flat_map(u16::to_le_bytes)).collect();
+    let latin = [b"# f\xfcr alle\n", ROS.as_bytes()].concat();
+    let fortran = ROS.replace("500.5", "5.005D+02").replace("-0.2", "-.2d0");
+    for bytes in [wide, latin, ROS.replace('\n', "\r").into_bytes(), fortran.into_bytes()] {
+        let read = parse_camera(Path::new("camera.yaml"), &bytes, None).unwrap_or_else(|e| panic!("{bytes:?}: {e}"));
+        assert_eq!(read, expected(Lens::BrownConrady(BROWN)));
+    }
+    let json = format!("\u{feff}{OPEN3D}");
+    let wide: Vec<u8> = json.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    assert_eq!(parse_camera(Path::new("a.json"), &wide, None).expect("a camera"), expected(Lens::Pinhole));
+}

@@ -9,6 +9,8 @@ pub(super) struct Columns {
     pub(super) metres_per_unit: Option<f64>,
     /// Number of names.
     pub(super) count: usize,
+    /// Whether blanks part names, rather than belonging to them between commas, semicolons or tabulators.
+    blanks_part: bool,
 }
 
 /// Spellings of the three axes, from the likeliest: letters, survey coordinates, and how programs number vectors.
@@ -40,11 +42,20 @@ const NORMALS: [&[&str]; 3] = [
 impl Columns {
     /// The first three columns, without names.
     pub(super) fn by_place() -> Self {
-        Self { position: [0, 1, 2], normal: None, metres_per_unit: None, count: 0 }
+        Self { position: [0, 1, 2], normal: None, metres_per_unit: None, count: 0, blanks_part: true }
     }
 
-    /// By names; `None` where they tell no position, an error where they contradict each other.
-    pub(super) fn named(cells: &[&str]) -> Result<Option<Self>, String> {
+    /// By a line of names; `None` where they tell no position, an error where they contradict each other.
+    pub(super) fn named(line: &str) -> Result<Option<Self>, String> {
+        let blanks_part = !has_marks(line, true);
+        match Self::of(&names(line, blanks_part), blanks_part)? {
+            // `X Y Z, R G B`
+            None if !blanks_part => Self::of(&names(line, true), true),
+            columns => Ok(columns),
+        }
+    }
+
+    fn of(cells: &[String], blanks_part: bool) -> Result<Option<Self>, String> {
         let names: Vec<(String, Option<f64>)> = cells.iter().map(|cell| plain(cell)).collect();
         let find = |axis: &[&str]| axis.iter().find_map(|&name| names.iter().position(|(n, _)| n == name));
         let all = |axes: &[&[&str]; 3]| {
@@ -62,7 +73,12 @@ impl Columns {
         if units.iter().any(|unit| *unit != units[0]) {
             return Err(format!("different units of {}", position.map(|i| cells[i].trim()).join(", ")));
         }
-        Ok(Some(Self { position, normal, metres_per_unit: units[0], count: cells.len() }))
+        Ok(Some(Self { position, normal, metres_per_unit: units[0], count: cells.len(), blanks_part }))
+    }
+
+    /// The cells of a row under these names; blanks part those of a row without any mark (`# x, y, z` above `1 2 3`).
+    pub(super) fn cells<'a>(&self, row: &'a str, commas_part: bool) -> Vec<&'a str> {
+        cells(row, commas_part, self.blanks_part || !has_marks(row, commas_part))
     }
 }
 
@@ -94,14 +110,23 @@ fn metres(unit: &str) -> Option<f64> {
     })
 }
 
-/// Cells of a line: blanks part them, and tabulators, semicolons and (unless they are decimal marks) commas, between which
-/// a cell may be empty. Quotes keep a cell together.
-pub(super) fn cells(line: &str, commas_part: bool) -> Vec<&str> {
+/// Whether a line has marks between its cells other than blanks.
+pub(super) fn has_marks(line: &str, commas_part: bool) -> bool {
+    line.trim().contains(|c: char| is_mark(c, commas_part))
+}
+
+fn is_mark(c: char, commas_part: bool) -> bool {
+    matches!(c, ';' | '\t') || (c == ',' && commas_part)
+}
+
+/// Cells of a line: tabulators, semicolons and (unless they are decimal marks) commas part them, between which a cell may be
+/// empty, and blanks if `blanks_part`. Quotes keep a cell together.
+pub(super) fn cells(line: &str, commas_part: bool, blanks_part: bool) -> Vec<&str> {
     let mut cells = vec![];
     let mut rest = line.trim_start_matches(' ');
     let mut open = true; // a cell is due, be it empty
     while let Some(first) = rest.chars().next() {
-        let parts = |c: char| matches!(c, ';' | '\t') || (c == ',' && commas_part);
+        let parts = |c: char| is_mark(c, commas_part);
         if parts(first) {
             if open {
                 cells.push("");
@@ -115,7 +140,7 @@ pub(super) fn cells(line: &str, commas_part: bool) -> Vec<&str> {
                 Some(end) => (&rest[1..1 + end], &rest[end + 2..]),
                 None => (&rest[1..], ""),
             },
-            _ => rest.split_at(rest.find(|c| c == ' ' || parts(c)).unwrap_or(rest.len())),
+            _ => rest.split_at(rest.find(|c| (c == ' ' && blanks_part) || parts(c)).unwrap_or(rest.len())),
         };
         if !cell.is_empty() || first == '"' || first == '\'' {
             cells.push(cell.trim());
@@ -130,9 +155,9 @@ pub(super) fn cells(line: &str, commas_part: bool) -> Vec<&str> {
 }
 
 /// Cells of a line of names: units in brackets of their own (`X [m] Y [m]`) go with the name before.
-pub(super) fn names(line: &str) -> Vec<String> {
+pub(super) fn names(line: &str, blanks_part: bool) -> Vec<String> {
     let mut names: Vec<String> = vec![];
-    for cell in cells(line, true) {
+    for cell in cells(line, true, blanks_part) {
         match names.last_mut().filter(|_| cell.starts_with(['[', '(', '<', '{'])) {
             Some(name) => name.push_str(cell),
             None => names.push(cell.to_owned()),

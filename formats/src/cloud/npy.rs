@@ -8,6 +8,7 @@ use std::path::Path;
 
 /// An array as f64, row-major.
 pub(crate) struct Array {
+    /// As its file says: where one dimension is zero, the others may be anything.
     pub(crate) shape: Vec<usize>,
     pub(crate) values: Vec<f64>,
     /// The largest value of the file's type where it holds integers.
@@ -112,8 +113,7 @@ pub(crate) fn read_array(path: &Path, bytes: &[u8], expected: &str) -> Result<Ar
         }
         values.push(number(&little[..width]));
     }
-    // A dimension of zero lets the others be anything.
-    let shape: Vec<usize> = if count == 0 { vec![0; shape.len()] } else { shape.iter().map(|&d| d as usize).collect() };
+    let shape: Vec<usize> = shape.iter().map(|&d| d as usize).collect();
     let values = if column_major { to_row_major(&shape, &values) } else { values };
     let bits = (8 * width) as i32;
     let largest_integer = match kind.as_bytes()[0] {

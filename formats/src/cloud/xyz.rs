@@ -1,7 +1,7 @@
 //! Text clouds: one point per line, numbers apart by blanks, tabulators, commas or semicolons. No crate reads them.
 
 use super::CloudFile;
-use super::columns::{Columns, cells, names};
+use super::columns::{Columns, cells, has_marks, names};
 use crate::FormatError;
 use crate::error::Place;
 use crate::text;
@@ -48,9 +48,8 @@ struct Head {
 
 impl Head {
     fn take_comment(&mut self, number: usize, line: &str) {
-        let names = names(line.trim_matches(|c: char| c.is_whitespace() || "#/".contains(c)));
-        let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        if let Ok(Some(columns)) = Columns::named(&names) {
+        let names = line.trim_matches(|c: char| c.is_whitespace() || "#/".contains(c));
+        if let Ok(Some(columns)) = Columns::named(names) {
             self.comment = Some((number, columns));
         }
     }
@@ -61,7 +60,7 @@ impl Head {
         if number == 1 && content.trim().to_ascii_lowercase().starts_with("sep=") {
             return Ok(true);
         }
-        let cells = cells(content, true);
+        let cells = cells(content, true, true);
         let is_number = |cell: &&str| cell.is_empty() || decimal(cell).is_some();
         if let ([count], None) = (&cells[..], self.count) {
             self.count = count.parse().ok();
@@ -70,11 +69,9 @@ impl Head {
         if cells.iter().take(3).all(is_number) || self.columns.is_some() || self.title.is_some() {
             return Ok(false);
         }
-        let names = names(content);
-        let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let refuse =
             |found: String| FormatError::syntax(path, Place::Line(number), found, "every column once, in one unit");
-        match Columns::named(&names).map_err(refuse)? {
+        match Columns::named(content).map_err(refuse)? {
             Some(columns) => self.columns = Some((number, columns)),
             None => self.title = Some((number, content.trim().to_owned())),
         }
@@ -84,13 +81,18 @@ impl Head {
     /// The names of the columns above the first point; those in a comment only where there are as many. As many others, with
     /// marks between them, say that the columns are no positions.
     fn columns_of(&self, path: &Path, content: &str) -> Result<Option<(usize, Columns)>, FormatError> {
-        let count = cells(content, commas_part(content)).iter().rposition(|c| !c.is_empty()).map_or(0, |last| last + 1);
+        let commas = commas_part(content);
+        let count = |cells: &[&str]| cells.iter().rposition(|c| !c.is_empty()).map_or(0, |last| last + 1);
+        let whole = count(&cells(content, commas, !has_marks(content, commas)));
         match &self.title {
-            Some((line, title)) if title.contains([',', ';', '\t']) && names(title).len() == count => {
+            Some((line, title)) if has_marks(title, true) && names(title, false).len() == whole => {
                 let expected = "x, y and z, or easting, northing and height, among the names of the columns";
                 Err(FormatError::syntax(path, Place::Line(*line), format!("{title:?}"), expected))
             }
-            _ => Ok(self.columns.clone().or_else(|| self.comment.clone().filter(|(_, c)| c.count == count))),
+            _ => {
+                let fits = |(_, columns): &(usize, Columns)| columns.count == count(&columns.cells(content, commas));
+                Ok(self.columns.clone().or_else(|| self.comment.clone().filter(fits)))
+            }
         }
     }
 }
@@ -117,7 +119,7 @@ impl Table<'_> {
             }
             self.commas.get_or_insert_with(|| commas_part(content));
         }
-        let mut cells = cells(content, self.commas.unwrap_or(true));
+        let mut cells = self.columns.cells(content, self.commas.unwrap_or(true));
         while self.named_in > 0 && cells.len() > self.columns.count && cells.last() == Some(&"") {
             cells.pop();
         }
@@ -223,7 +225,7 @@ fn has_thousands(word: &str) -> bool {
 
 /// Whether the commas of a line part cells; else they are decimal marks, of three numbers that other things part.
 fn commas_part(line: &str) -> bool {
-    let words = cells(line, false);
+    let words = cells(line, false, true);
     let whole = |word: &&str| !word.starts_with(',') && !word.ends_with(',') && decimal(word).is_some();
     words.len() < 3 || !words.iter().take(3).all(whole)
 }

@@ -95,6 +95,22 @@ fn strips_are_triangles_in_turn() {
 }
 
 #[test]
+fn faces_behind_strips_are_polygons() {
+    let list = "property list int int vertex_indices\n";
+    let text = format!(
+        "ply\nformat ascii 1.0\nelement vertex 7\nproperty float x\nproperty float y\nproperty float z\n\
+         element tristrips 1\n{list}element face 1\n{list}end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n\
+         3 0 1 2\n4 3 4 5 6\n"
+    );
+    let mesh = mesh(&text).unwrap();
+    let up = |t: &[u32; 3]| {
+        let [a, b, c] = mesh.corners(*t);
+        (b - a).cross(&(c - a)).z
+    };
+    assert_eq!(mesh.triangles.iter().map(up).collect::<Vec<_>>(), [1.0, 1.0, 1.0]);
+}
+
+#[test]
 fn what_follows_the_declared_rows_is_said() {
     let rows = "0 0 0\n1 0 0\n0 1 0\n";
     let file = cloud(&format!("{HEAD}end_header\n{rows}5 5 5\n6 6 6\n"));
@@ -119,13 +135,6 @@ fn what_is_written_is_read() {
     cloud.normals.clear();
     write_ply(&path, &cloud).unwrap();
     assert_eq!(crate::cloud::read_cloud(&path).unwrap().cloud, cloud);
-
-    let triangle = mesh(&format!(
-        "{HEAD}element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2"
-    ));
-    let triangle = triangle.unwrap();
-    write_ply_mesh(&path, &triangle).unwrap();
-    assert_eq!(crate::mesh::read_mesh(&path).unwrap(), triangle);
 
     let points = [ColoredPoint { position: cloud.points[0], color: [1, 2, 3] }; 2];
     write_ply_scene(&path, &points, &[[0, 1]]).unwrap();

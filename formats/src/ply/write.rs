@@ -2,7 +2,7 @@
 
 use crate::FormatError;
 use crate::run::atomic_write_with;
-use geometry::{Mesh, PointCloud};
+use geometry::PointCloud;
 use nalgebra::{Point3, Vector3};
 use std::io::Write;
 use std::path::Path;
@@ -59,32 +59,6 @@ pub fn write_ply_scene(path: &Path, points: &[ColoredPoint], edges: &[[u32; 2]])
         }
         for index in edges.iter().flatten() {
             out.write_all(&index.to_le_bytes())?;
-        }
-        Ok(())
-    })
-}
-
-/// Writes a mesh as binary PLY (doubles).
-///
-/// # Errors
-/// What the operating system refuses.
-pub fn write_ply_mesh(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
-    atomic_write_with(path, |out| {
-        write!(
-            out,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
-             property double z\nelement face {}\nproperty list uchar uint vertex_indices\nend_header\n",
-            mesh.vertices.len(),
-            mesh.triangles.len()
-        )?;
-        for vertex in &mesh.vertices {
-            write_vector(out, &vertex.coords)?;
-        }
-        for triangle in &mesh.triangles {
-            out.write_all(&[3])?;
-            for index in triangle {
-                out.write_all(&index.to_le_bytes())?;
-            }
         }
         Ok(())
     })

@@ -15,7 +15,7 @@ fn image(line: &str) -> Option<([f64; 8], &str)> {
     for slot in 0..9 {
         let (word, after) = rest.split_once(char::is_whitespace)?;
         // The ninth is the camera's number, and not needed.
-        let value: f64 = word.parse().ok()?;
+        let value = crate::text::number(word)?;
         if let Some(place) = values.get_mut(slot) {
             *place = value;
         }
@@ -36,12 +36,12 @@ fn is_points(line: &str) -> bool {
 
 pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<FilePose>, FormatError> {
     let mut poses = Vec::new();
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim_start().starts_with('#')).peekable();
-    while let Some((index, line)) = lines.next() {
+    let mut lines = crate::text::lines(text).filter(|(_, line)| !line.trim_start().starts_with('#')).peekable();
+    while let Some((number, line)) = lines.next() {
         if line.trim().is_empty() {
             continue;
         }
-        let wrong = |found: String, expected: &str| FormatError::syntax(path, Place::Line(index + 1), found, expected);
+        let wrong = |found: String, expected: &str| FormatError::syntax(path, Place::Line(number), found, expected);
         let ([_, qw, qx, qy, qz, x, y, z], name) = image(line).ok_or_else(|| wrong(line.to_owned(), EXPECTED))?;
         let camera_from_world =
             from_quaternion([qx, qy, qz, qw], [x, y, z]).map_err(|e| wrong(e, "a unit quaternion w x y z"))?;

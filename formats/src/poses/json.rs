@@ -1,7 +1,7 @@
 //! Poses in JSON: our own (`world_from_camera`), BOP's `scene_camera.json` and `scene_gt.json` (camera from world or model,
 //! millimetres) and Open3D's `PinholeCameraTrajectory` (camera from world, column by column).
 
-use super::{EXPECTED, FilePose, inverse, of_matrix, of_parts};
+use super::{EXPECTED, FilePose, Given, ROWS, inverse, of_matrix, of_parts};
 use crate::{FormatError, Place};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -9,6 +9,10 @@ use std::path::Path;
 
 /// Metres per unit of BOP.
 const BOP_UNIT_M: f64 = 0.001;
+
+const EXTRINSIC: Given = ["extrinsic", "a rigid motion, camera_from_world, 4 x 4, column by column, metres"];
+const BOP_CAMERA: Given = ["cam_R_w2c", "a rotation, 3 x 3, row by row, and cam_t_w2c in millimetres"];
+const BOP_TRUTH: Given = ["cam_R_m2c", "a rotation, 3 x 3, row by row, and cam_t_m2c in millimetres"];
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -88,10 +92,10 @@ fn read<T: for<'a> Deserialize<'a>>(
 fn own(path: &Path, place: Place, entry: Value) -> Result<FilePose, FormatError> {
     const OWN: &str = "a 4 x 4 matrix, or {\"world_from_camera\": [[4 numbers] x 4], \"intrinsics\": [fx, fy, cx, cy]}";
     if entry.is_array() {
-        return of_matrix(path, place.clone(), &read(path, &place, entry, OWN)?);
+        return of_matrix(path, place.clone(), ROWS, &read(path, &place, entry, OWN)?);
     }
     let own: Own = read(path, &place, entry, OWN)?;
-    Ok(FilePose { intrinsics: own.intrinsics, name: own.name, ..of_matrix(path, place, &own.world_from_camera)? })
+    Ok(FilePose { intrinsics: own.intrinsics, name: own.name, ..of_matrix(path, place, ROWS, &own.world_from_camera)? })
 }
 
 fn open3d(path: &Path, place: Place, entry: Value) -> Result<FilePose, FormatError> {
@@ -99,7 +103,7 @@ fn open3d(path: &Path, place: Place, entry: Value) -> Result<FilePose, FormatErr
     let e = read.extrinsic;
     let rows = std::array::from_fn(|row| std::array::from_fn(|column| e[4 * column + row]));
     let intrinsics = read.intrinsic.map(|i| i.intrinsic_matrix).map(|k| [k[0], k[4], k[6], k[7]]);
-    Ok(FilePose { intrinsics, ..inverse(of_matrix(path, place, &rows)?) })
+    Ok(FilePose { intrinsics, ..inverse(of_matrix(path, place, EXTRINSIC, &rows)?) })
 }
 
 /// Images by their numbers, in the order of those.
@@ -123,13 +127,16 @@ fn bop(path: &Path, map: Map<String, Value>) -> Result<Vec<FilePose>, FormatErro
                 }
                 let expected = "BOP's cam_R_m2c (9 numbers) and cam_t_m2c (3, millimetres)";
                 let truth: BopTruth = read(path, &place, objects.swap_remove(0), expected)?;
-                (of_parts(path, place, &truth.r, &metres(truth.t))?, None)
+                (of_parts(path, place, BOP_TRUTH, &truth.r, &metres(truth.t))?, None)
             }
             entry => {
                 let expected = "BOP's cam_R_w2c (9 numbers) and cam_t_w2c (3, millimetres); not every set has them, \
                                 scene_gt.json has the object's pose instead";
                 let camera: BopCamera = read(path, &place, entry, expected)?;
-                (of_parts(path, place, &camera.r, &metres(camera.t))?, camera.k.map(|k| [k[0], k[4], k[2], k[5]]))
+                (
+                    of_parts(path, place, BOP_CAMERA, &camera.r, &metres(camera.t))?,
+                    camera.k.map(|k| [k[0], k[4], k[2], k[5]]),
+                )
             }
         };
         Ok(FilePose { intrinsics, name: Some(key), ..inverse(pose) })

@@ -1,7 +1,7 @@
 //! Rows of 4 x 4 matrices, TUM's lines (time x y z qx qy qz qw), and Open3D's `.log` (three whole numbers before each matrix):
 //! all of them `world_from_camera`.
 
-use super::{EXPECTED, FilePose, content, numbers, of_matrix};
+use super::{EXPECTED, FilePose, ROWS, content, numbers, of_matrix};
 use crate::{FormatError, Place};
 use planning::pose::from_quaternion;
 use std::path::Path;
@@ -32,12 +32,12 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<FilePose>, FormatErro
                 let expected = "three numbers before each matrix (Open3D's .log) or before none";
                 return Err(wrong("a matrix unlike those before it".to_owned(), expected));
             }
-            poses.push(FilePose { name: header.take(), ..of_matrix(path, place(), &[a, b, c, d])? });
+            poses.push(FilePose { name: header.take(), ..of_matrix(path, place(), ROWS, &[a, b, c, d])? });
             rows.clear();
         }
     }
     if !rows.is_empty() || header.is_some() {
-        let last = Place::Line(text.lines().count());
+        let last = Place::Line(crate::text::lines(text).count());
         return Err(FormatError::truncated(path, last, format!("4 rows of a matrix, found {}", rows.len())));
     }
     Ok(poses)

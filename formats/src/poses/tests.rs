@@ -140,7 +140,9 @@ fn what_is_none_is_refused_with_its_line() {
         let message = refused(text);
         assert!(message.starts_with("\"poses\"") && message.contains(said), "{said:?} not in: {message}");
     }
-    assert!(parse_poses("poses".as_ref(), b"1 2 \xff").expect_err("no text").to_string().contains("byte 4"));
+    assert!(
+        parse_poses("poses".as_ref(), b"1 2 \xff").expect_err("no number").to_string().contains("line 1: found 1 2")
+    );
 }
 
 #[test]
@@ -149,4 +151,41 @@ fn a_key_given_twice_is_no_pose() {
     let twice = format!("{{\"world_from_camera\": {rows},\n\"world_from_camera\": {rows}}}");
     let error = parse_poses(Path::new("a.json"), twice.as_bytes()).expect_err("which?").to_string();
     assert!(error.contains("line 2: found key \"world_from_camera\" a second time"), "{error}");
+}
+
+#[test]
+fn what_is_expected_is_what_the_format_has() {
+    let by_rows = refused("{\"extrinsic\": [0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1]}");
+    let said = "found extrinsic: the last row must be 0 0 0 1, expected a rigid motion, camera_from_world, 4 x 4, column by column";
+    assert!(by_rows.contains(said) && !by_rows.contains("row by row"), "{by_rows}");
+    let double = "[2, 0, 0, 0, 2, 0, 0, 0, 2]";
+    let camera = refused(&format!("{{\"7\": {{\"cam_R_w2c\": {double}, \"cam_t_w2c\": [0, 0, 900]}}}}"));
+    let truth = refused(&format!("{{\"7\": [{{\"cam_R_m2c\": {double}, \"cam_t_m2c\": [0, 0, 900]}}]}}"));
+    for (error, r, t) in [(camera, "cam_R_w2c", "cam_t_w2c"), (truth, "cam_R_m2c", "cam_t_m2c")] {
+        assert!(error.contains(&format!("image 7: found {r} is not a rigid motion")), "{error}");
+        assert!(
+            error.contains("expected a rotation, 3 x 3") && error.contains(&format!("{t} in millimetres")),
+            "{error}"
+        );
+    }
+    assert!(
+        refused("[[[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]]").contains("4 x 4, row by row, metres")
+    );
+}
+
+#[test]
+fn text_of_any_system_is_read() {
+    let expected = read("0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n");
+    let text = "# by hand\n0 -1 0 1.D0\n1 0 0 .2D+01\n0 0 1 3.\n0 0 0 1\n";
+    let wide: Vec<u8> = [0xff, 0xfe].into_iter().chain(text.encode_utf16().flat_map(u16::to_le_bytes)).collect();
+    let latin = [b"# f\xfcr alle\n", text.as_bytes()].concat();
+    for bytes in [wide, latin, text.replace('\n', "\r").into_bytes()] {
+        assert_eq!(parse_poses("poses".as_ref(), &bytes).expect("poses"), expected, "{bytes:?}");
+    }
+    let colmap = read("# Image list\r1 1 0 0 0 1.0D+00 2 3 1 a.png\r\r2 1 0 0 0 1 2 3 1 b.png\r10.5 20.5 -1\r");
+    let names: Vec<_> = colmap.poses.iter().filter_map(|p| p.name.as_deref()).collect();
+    assert_eq!((names, colmap.poses[0].world_from_camera.translation.x), (vec!["a.png", "b.png"], -1.0));
+    let json = "\u{feff}[[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]";
+    let swapped: Vec<u8> = json.encode_utf16().flat_map(u16::to_be_bytes).collect();
+    assert_eq!(parse_poses("poses".as_ref(), &swapped).expect("a pose"), expected);
 }

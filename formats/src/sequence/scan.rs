@@ -15,6 +15,13 @@ const SAME_POSITION_M: f64 = 1e-3;
 /// Depth at which an image has a point may differ by this share.
 const SAME_DEPTH: f64 = 0.05;
 
+/// What is expected where a scan contradicts its camera, without an image and with one.
+const EXPECTED: [&str; 2] = [
+    "the pose that it was taken from: world_from_camera, +Z forward, metres, not its inverse",
+    "the pose that it was taken from (world_from_camera, +Z forward, metres, not its inverse), and depth_unit_m as the \
+     unit of the image",
+];
+
 /// A camera by its pose, or by its position alone.
 #[derive(Clone, Copy)]
 pub(super) enum Camera {
@@ -27,6 +34,10 @@ pub(super) struct Raw {
     pub points: Vec<Point3<f64>>,
     pub camera: Camera,
     pub image: Option<(PinholeCamera, DepthImage)>,
+    /// How far the rotation of its pose was off one.
+    pub off: f64,
+    /// What a user should know of how its files were read.
+    pub notes: Vec<String>,
 }
 
 /// Reads the scans of a described sequence.
@@ -34,8 +45,8 @@ pub(super) struct Reader<'a> {
     pub path: &'a Path,
     pub folder: &'a Path,
     pub described: &'a Described,
-    /// The pose of each camera, from a file of them.
-    pub poses: Option<Vec<FilePose>>,
+    /// The pose of each camera, from a file of them; `None` for a scan that the file does not have and that tells its own.
+    pub poses: Option<Vec<Option<FilePose>>>,
     /// Where the frame of each cloud lies.
     pub places: Option<Vec<FilePose>>,
 }
@@ -48,17 +59,18 @@ impl Reader<'_> {
             FormatError::syntax(self.path, place, found, expected)
         };
         let place = self.places.as_ref().map(|places| places[index].world_from_camera);
-        let filed = self.poses.as_ref().map(|poses| &poses[index]);
+        let filed = self.poses.as_ref().and_then(|poses| poses[index].as_ref());
         let in_scan = place.zip(self.described.camera_in_scan_m).map(|(place, p)| (place * Point3::from(p)).into());
-        let camera = camera(scan, filed, scan.camera_position_m.or(in_scan)).map_err(wrong)?;
-        let mut points = read_cloud(&self.folder.join(&scan.cloud))?.cloud.points;
+        let (camera, off) = camera(scan, filed, scan.camera_position_m.or(in_scan)).map_err(wrong)?;
+        let mut notes = Vec::new();
+        let mut points = self.points(&scan.cloud, &mut notes)?;
         if let Some(place) = place {
             points.iter_mut().for_each(|p| *p = place * *p);
         }
         let Camera::Posed(pose) = camera else {
             return match scan.depth {
                 Some(_) => Err(wrong(("depth without a pose".to_owned(), "world_from_camera (4 x 4, row by row)"))),
-                None => Ok(Raw { points, camera, image: None }),
+                None => Ok(Raw { points, camera, image: None, off, notes }),
             };
         };
         let image = match (&scan.depth, scan.intrinsics.or(filed.and_then(|p| p.intrinsics))) {
@@ -69,40 +81,58 @@ impl Reader<'_> {
                     let found = format!("intrinsics {:?}", [fx, fy, cx, cy]);
                     return Err(wrong((found, "fx, fy, cx, cy in pixels, fx and fy positive")));
                 }
-                let depth = read_depth(&self.folder.join(file), Some(self.described.depth_unit_m))?.image;
+                let depth = self.depth(file, &mut notes)?;
                 Some((PinholeCamera { width: depth.size[0], height: depth.size[1], fx, fy, cx, cy }, depth))
             }
         };
-        belongs(&pose, image.as_ref(), &points).map_err(|found| {
-            wrong((found, "the pose that it was taken from: world_from_camera, +Z forward, metres, not its inverse"))
-        })?;
-        Ok(Raw { points, camera, image })
+        belongs(&pose, image.as_ref(), &points).map_err(wrong)?;
+        Ok(Raw { points, camera, image, off, notes })
+    }
+
+    /// The points of a cloud, metres.
+    fn points(&self, cloud: &str, notes: &mut Vec<String>) -> Result<Vec<Point3<f64>>, FormatError> {
+        let file = read_cloud(&self.folder.join(cloud))?;
+        notes.extend(file.notes.iter().map(|note| format!("{cloud}: {note}")));
+        let mut points = file.cloud.points;
+        if let Some(unit) = file.metres_per_unit.filter(|unit| *unit != 1.0) {
+            notes.push(format!("{cloud}: read in units of {unit} m, as its columns say"));
+            points.iter_mut().for_each(|p| p.coords *= unit);
+        }
+        Ok(points)
+    }
+
+    /// A depth image, metres.
+    fn depth(&self, image: &str, notes: &mut Vec<String>) -> Result<DepthImage, FormatError> {
+        let file = read_depth(&self.folder.join(image), self.described.depth_unit_m)?;
+        notes.extend(file.notes.iter().map(|note| format!("{image}: {note}")));
+        Ok(file.image)
     }
 }
 
-/// The camera of a scan, told by itself or by a file; what is found instead, and expected.
+/// The camera of a scan, told by itself or by a file, and how far its rotation was off one; what is found instead, and
+/// expected.
 fn camera(
     scan: &DescribedScan,
     filed: Option<&FilePose>,
     position: Option<[f64; 3]>,
-) -> Result<Camera, (String, &'static str)> {
+) -> Result<(Camera, f64), (String, &'static str)> {
     let position = position.map(Point3::from);
     if let Some(position) = position.filter(|p| p.iter().any(|x| !x.is_finite())) {
         return Err((format!("camera position {position}"), "x, y, z in metres"));
     }
     let pose = match &scan.world_from_camera {
-        Some(rows) => Some(rigid(rows).map_err(|found| (found, "a rigid motion"))?.0),
-        None => filed.map(|p| p.world_from_camera),
+        Some(rows) => Some(rigid(rows).map_err(|found| (found, "a rigid motion"))?),
+        None => filed.map(|p| (p.world_from_camera, p.off)),
     };
     match (pose, position) {
         (None, None) => Err((
             "neither of both".to_owned(),
             "its camera: camera_position_m, world_from_camera (4 x 4, row by row), or a file of poses",
         )),
-        (None, Some(position)) => Ok(Camera::At(position)),
-        (Some(pose), None) => Ok(Camera::Posed(pose)),
-        (Some(pose), Some(position)) => match (pose.translation.vector - position.coords).norm() {
-            apart if apart <= SAME_POSITION_M => Ok(Camera::Posed(pose)),
+        (None, Some(position)) => Ok((Camera::At(position), 0.0)),
+        (Some((pose, off)), None) => Ok((Camera::Posed(pose), off)),
+        (Some((pose, off)), Some(position)) => match (pose.translation.vector - position.coords).norm() {
+            apart if apart <= SAME_POSITION_M => Ok((Camera::Posed(pose), off)),
             apart => Err((
                 format!("camera_position_m {apart:.3} m away from the position of its pose"),
                 "the same position in both, or only one of them",
@@ -112,16 +142,16 @@ fn camera(
 }
 
 /// Whether a camera may have taken a scan: most points lie ahead of it, and, where the image is known, most of those in it
-/// are as far away as it says.
+/// are as far away as it says; what is found instead, and expected.
 fn belongs(
     pose: &Isometry3<f64>,
     image: Option<&(PinholeCamera, DepthImage)>,
     points: &[Point3<f64>],
-) -> Result<(), String> {
+) -> Result<(), (String, &'static str)> {
     let percent = |count: usize| 100 * count / points.len().max(1);
     let local: Vec<Point3<f64>> = points.iter().map(|p| pose.inverse() * p).filter(|p| p.z > 0.0).collect();
     if 2 * local.len() < points.len() {
-        return Err(format!("{} % of its points ahead of its camera", percent(local.len())));
+        return Err((format!("{} % of its points ahead of its camera", percent(local.len())), EXPECTED[0]));
     }
     let Some((camera, depth)) = image else { return Ok(()) };
     let agrees = |p: &&Point3<f64>| {
@@ -133,7 +163,7 @@ fn belongs(
     };
     let agreeing = local.iter().filter(agrees).count();
     match 2 * agreeing < points.len() {
-        true => Err(format!("{} % of its points where its depth image has them", percent(agreeing))),
+        true => Err((format!("{} % of its points where its depth image has them", percent(agreeing)), EXPECTED[1])),
         false => Ok(()),
     }
 }

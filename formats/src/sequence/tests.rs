@@ -2,6 +2,7 @@ use super::*;
 use crate::cloud::write_ply;
 use crate::depth::write_depth;
 use geometry::PointCloud;
+use nalgebra::Matrix4;
 use std::fs;
 
 const SCAN: &str = r#"{"cloud": "a.ply", "camera_position_m": [1, 0, 0]}"#;
@@ -113,4 +114,117 @@ fn what_cannot_be_replayed_is_refused_with_its_place() {
         assert!(error.contains(said) && error.contains(dir.path().to_str().expect("a name")), "{said:?}: {error}");
     }
     assert!(read(dir.path(), &with_pose(&pose, image)).is_ok(), "the right pose is taken");
+}
+
+/// A pose as `sequence.json` has it.
+fn as_rows(pose: &Matrix4<f64>) -> String {
+    let rows: Vec<Vec<f64>> = (0..4).map(|r| (0..4).map(|c| pose[(r, c)]).collect()).collect();
+    format!("{rows:?}")
+}
+
+#[test]
+fn units_of_columns_are_heeded_and_notes_of_readers_told() {
+    let (dir, _, _) = folder();
+    let metres = crate::cloud::read_cloud(&dir.path().join("a.ply")).expect("written").cloud.points;
+    let rows: String = metres.iter().map(|p| format!("{},{},{}\n", 1e3 * p.x, 1e3 * p.y, 1e3 * p.z)).collect();
+    fs::write(dir.path().join("mm.csv"), format!("x_mm,y_mm,z_mm\n{rows}nan,0,0\n")).expect("written");
+    let scan = SCAN.replace("a.ply", "mm.csv");
+    let path = dir.path().join(SEQUENCE);
+    fs::write(&path, format!("{{\"working_distance_m\": 1, \"scans\": [{SCAN}, {scan}]}}")).expect("written");
+    let (sequence, notes) = read_with_notes(&path).expect("good");
+    let points = &sequence.scans[1].points;
+    assert_eq!(points.len(), metres.len());
+    assert!(points.iter().zip(&metres).all(|(p, q)| (p - q).norm() < 1e-9), "{} for {}", points[0], metres[0]);
+    assert_eq!(
+        notes,
+        [
+            "mm.csv: 1 points have a non-finite coordinate and were dropped",
+            "mm.csv: read in units of 0.001 m, as its columns say"
+        ]
+    );
+}
+
+#[test]
+fn poses_off_a_rotation_are_told() {
+    let (dir, view, _) = folder();
+    let path = dir.path().join(SEQUENCE);
+    let mut pose = view.world_from_camera_with_up(&Vector3::z()).to_homogeneous();
+    let good = as_rows(&pose);
+    pose.fixed_view_mut::<3, 3>(0, 0).scale_mut(1.01);
+    let off = as_rows(&pose);
+    let scans = |second: &str| format!("[{{\"cloud\": \"a.ply\", \"world_from_camera\": {good}}}, {second}]");
+    fs::write(dir.path().join("poses.json"), format!("[{good}, {off}]")).expect("written");
+    for text in [
+        format!("\"scans\": {}", scans(&format!("{{\"cloud\": \"a.ply\", \"world_from_camera\": {off}}}"))),
+        format!("\"poses\": \"poses.json\", \"scans\": {}", scans("{\"cloud\": \"a.ply\"}")),
+    ] {
+        fs::write(&path, format!("{{\"working_distance_m\": 1, {text}}}")).expect("written");
+        let (_, notes) = read_with_notes(&path).expect("good");
+        let said = "poses deviate from rotations by up to 1.0e-2 (scan 1); the nearest rotations are used";
+        assert_eq!(notes, [said], "{text}");
+    }
+}
+
+#[test]
+fn depths_of_floats_are_metres_and_a_wrong_unit_is_named() {
+    let (dir, view, _) = folder();
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (30, 40), }\n";
+    let values: Vec<u8> = [1f32; 1200].iter().flat_map(|z| z.to_le_bytes()).collect();
+    let bytes = [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &values].concat();
+    fs::write(dir.path().join("a.npy"), bytes).expect("written");
+    let rows = as_rows(&view.world_from_camera_with_up(&Vector3::z()).to_homogeneous());
+    let scan = format!(
+        "{{\"cloud\": \"a.ply\", \"depth\": \"a.npy\", \"intrinsics\": [200, 200, 19.5, 14.5], \"world_from_camera\": {rows}}}"
+    );
+    let text = |unit: &str| format!("\u{feff}{{\"working_distance_m\": 1, {unit}\"scans\": [{SCAN}, {scan}]}}");
+    let sequence = read(dir.path(), &text("")).expect("metres");
+    assert_eq!(sequence.scans[1].image.as_ref().and_then(|(_, depth)| depth.at(3, 5)), Some(1.0));
+    let error = read(dir.path(), &text("\"depth_unit_m\": 0.001, ")).expect_err("a thousandth").to_string();
+    assert!(error.contains("where its depth image has them") && error.contains("depth_unit_m"), "{error}");
+}
+
+#[test]
+fn poses_go_to_the_scans_that_they_are_called_like() {
+    let (dir, view, _) = folder();
+    for copy in ["b.ply", "00.ply", "10.ply", "l/00.ply", "r/00.ply"] {
+        let copy = dir.path().join(copy);
+        fs::create_dir_all(copy.parent().expect("a folder")).expect("made");
+        fs::copy(dir.path().join("a.ply"), copy).expect("copied");
+    }
+    // The pose that is listed first is 1 m from the sheet, the second one 2 m.
+    let pose = |x: f64| {
+        let ahead = Isometry3::translation(x, 0.0, 0.0);
+        as_rows(&(ahead * view.world_from_camera_with_up(&Vector3::z())).to_homogeneous())
+    };
+    let positions = |names: [&str; 2], clouds: [&str; 2], own: &str| {
+        let named = |x: f64, name: &str| format!("{{\"world_from_camera\": {}, \"name\": \"{name}\"}}", pose(x));
+        let poses = format!("[{}, {}]", named(0.0, names[0]), named(1.0, names[1]));
+        fs::write(dir.path().join("poses.json"), poses).expect("written");
+        let [a, b] = clouds;
+        let scans = format!("[{{\"cloud\": \"{a}\"}}, {{\"cloud\": \"{b}\"{own}}}]");
+        let text = format!("{{\"working_distance_m\": 1, \"poses\": \"poses.json\", \"scans\": {scans}}}");
+        let position = |scan: &SequenceScan| scan.world_from_camera.translation.vector.x;
+        read(dir.path(), &text).map(|sequence| sequence.scans.iter().map(position).collect::<Vec<_>>())
+    };
+    for (names, clouds) in [
+        (["b.ply", "a.ply"], ["a.ply", "b.ply"]),
+        (["b", "a"], ["a.ply", "b.ply"]),
+        (["b.png", "a.png"], ["a.ply", "b.ply"]),
+        (["images/b.png", "images/a.png"], ["a.ply", "b.ply"]),
+        (["10", "0"], ["00.ply", "10.ply"]),
+        (["000010.png", "000000.png"], ["00.ply", "10.ply"]),
+        (["r/00.png", "l/00.png"], ["l/00.ply", "r/00.ply"]),
+        (["a.png", "a"], ["a.ply", "a.ply"]),
+    ] {
+        let found = positions(names, clouds, "").unwrap_or_else(|e| panic!("{names:?}: {e}"));
+        let expected = if clouds[0] == clouds[1] { [2.0, 2.0] } else { [2.0, 1.0] };
+        assert!(found.iter().zip(expected).all(|(x, y)| (x - y).abs() < 1e-9), "{names:?}: {found:?}");
+    }
+    let in_order = positions(["left", "right"], ["a.ply", "b.ply"], "").expect("no name fits");
+    assert!((in_order[0] - 1.0).abs() < 1e-9 && (in_order[1] - 2.0).abs() < 1e-9, "{in_order:?}");
+    let error = positions(["a.png", "c.png"], ["a.ply", "b.ply"], "").expect_err("one is missing").to_string();
+    assert!(error.contains("poses.json") && error.contains("called like b.ply"), "{error}");
+    let own = format!(", \"world_from_camera\": {}", pose(2.0));
+    let found = positions(["c.png", "a.png"], ["a.ply", "b.ply"], &own).expect("it tells its own");
+    assert!((found[0] - 2.0).abs() < 1e-9 && (found[1] - 3.0).abs() < 1e-9, "{found:?}");
 }

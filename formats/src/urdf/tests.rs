@@ -152,6 +152,8 @@ fn what_is_no_serial_arm_is_refused_by_name() {
     refused(&text.replacen("</robot>", "", 1), "tool0", "<robot> that is never closed");
     refused(&text.replacen("</link>", "</lnk>", 1), "tool0", "line 7");
     refused("<robot xmlns:xacro=\"x\"><xacro:arm/></robot>", "tool0", "run xacro");
+    refused(&text.replacen("<sphere ", "<sphere xacro:if=\"a\" ", 1), "tool0", "run xacro");
+    refused(&text.replacen("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>", 1), "tool0", "an axis that is none");
     refused("plain text", "tool0", "no element");
     let meshed = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"package://x.stl\"/>", 1);
     let read = parse_urdf(Path::new("arm.urdf"), meshed.as_bytes(), "tool0").expect("an arm");
@@ -204,4 +206,21 @@ fn collision_meshes_are_found_in_their_package_and_held_by_balls() {
     std::fs::write(&path, "<robot/>").expect("written");
     let read = parse_urdf(&path, collada.as_bytes(), "tool0").expect("an arm");
     assert!(read.notes[0].contains("cannot be read") && read.notes[0].contains(".stl"), "{:?}", read.notes);
+}
+
+#[test]
+fn what_exporters_leave_behind_is_read() {
+    let text = std::fs::read_to_string(file("ur5e")).expect("a sample");
+    let arm = |bytes: &[u8]| parse_urdf(Path::new("arm.urdf"), bytes, "tool0").unwrap_or_else(|e| panic!("{e}")).arm;
+    let plain = arm(text.as_bytes());
+    let fixed = "<joint name=\"wrist_3-tool0\" type=\"fixed\">";
+    assert!(text.contains(fixed));
+    let no_axis = text.replacen(fixed, &format!("{fixed}<axis xyz=\"0 0 0\"/>"), 1);
+    assert_eq!(arm(no_axis.as_bytes()), plain);
+    let commented = text.replacen("<robot ", "<!-- made from <xacro:arm/> --><robot xmlns:xacro=\"x\" ", 1);
+    assert_eq!(arm(commented.as_bytes()), plain);
+    let wide: Vec<u8> = [0xff, 0xfe].into_iter().chain(text.encode_utf16().flat_map(u16::to_le_bytes)).collect();
+    assert_eq!(arm(&wide), plain);
+    assert_eq!(arm(&[b"<!-- f\xfcr alle -->", text.as_bytes()].concat()), plain);
+    assert_eq!(arm(text.replace("0.1625", "1.625D-01").as_bytes()), plain);
 }

@@ -20,6 +20,13 @@ impl Element {
     pub fn children_named(&self, name: &str) -> impl Iterator<Item = &Element> {
         self.children.iter().filter(move |c| c.name == name)
     }
+
+    /// Whether its name, or that of an attribute or of an element in it, begins like this.
+    pub fn has_name(&self, beginning: &str) -> bool {
+        self.name.starts_with(beginning)
+            || self.attributes.iter().any(|(key, _)| key.starts_with(beginning))
+            || self.children.iter().any(|child| child.has_name(beginning))
+    }
 }
 
 /// Elements in each other, at most.

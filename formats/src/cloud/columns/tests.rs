@@ -1,10 +1,5 @@
 use super::*;
 
-fn named(line: &str) -> Result<Option<Columns>, String> {
-    let names = names(line);
-    Columns::named(&names.iter().map(String::as_str).collect::<Vec<_>>())
-}
-
 #[test]
 fn names_in_all_spellings() {
     for (line, position, unit) in [
@@ -20,20 +15,26 @@ fn names_in_all_spellings() {
         ("x_mm,y_mm,z_mm", [0, 1, 2], Some(0.001)),
         ("point,E,N,H", [1, 2, 3], None),
         (",x,y,z", [1, 2, 3], None),
+        ("Point ID,X,Y,Z", [1, 2, 3], None),
+        ("Scan Nr;X mm;Y mm;Z mm;Colour of it", [1, 2, 3], Some(0.001)),
+        ("X Coordinate\tY Coordinate\tZ Coordinate", [0, 1, 2], None),
+        ("R G B, X Y Z", [3, 4, 5], None),
+        ("x y z\t", [0, 1, 2], None),
     ] {
-        let columns = named(line).expect(line).expect(line);
+        let columns = Columns::named(line).expect(line).expect(line);
         assert_eq!((columns.position, columns.metres_per_unit), (position, unit), "{line}");
     }
-    assert_eq!(named("nx ny nz x y z").unwrap().unwrap().normal, Some([0, 1, 2]));
+    assert_eq!(Columns::named("nx ny nz x y z").unwrap().unwrap().normal, Some([0, 1, 2]));
     for line in ["lat,lon,alt", "a b c", "x,y", "scan of a vase"] {
-        assert_eq!(named(line), Ok(None), "{line}");
+        assert_eq!(Columns::named(line), Ok(None), "{line}");
     }
-    assert!(named("x,y,z,x").expect_err("twice").contains("\"x\" twice"));
-    assert!(named("x [mm],y [m],z [mm]").expect_err("units").contains("different units"));
+    assert!(Columns::named("x,y,z,x").expect_err("twice").contains("\"x\" twice"));
+    assert!(Columns::named("x [mm],y [m],z [mm]").expect_err("units").contains("different units"));
 }
 
 #[test]
 fn cells_may_be_empty_between_marks_alone() {
+    let cells = |line, commas_part| cells(line, commas_part, true);
     assert_eq!(cells("1,,3", true), ["1", "", "3"]);
     assert_eq!(cells(" 1  2 ; 3\t4,5 , 6 ", true), ["1", "2", "3", "4", "5", "6"]);
     assert_eq!(cells("0,1 0,2;0,3", false), ["0,1", "0,2", "0,3"]);
@@ -41,4 +42,12 @@ fn cells_may_be_empty_between_marks_alone() {
     assert_eq!(cells(";1;2", true), ["", "1", "2"]);
     assert_eq!(cells("\"0,5\",\"a b\", 2", true), ["0,5", "a b", "2"]);
     assert!(cells("  ", true).is_empty());
+}
+
+#[test]
+fn blanks_belong_to_cells_between_marks() {
+    let cells = |line| cells(line, true, false);
+    assert_eq!(cells("red car,1, 2 ,3"), ["red car", "1", "2", "3"]);
+    assert_eq!(cells("a  b\t\t 3"), ["a  b", "", "3"]);
+    assert!(has_marks("a b,c", true) && !has_marks("a 0,5", false) && !has_marks("a b\t", true));
 }

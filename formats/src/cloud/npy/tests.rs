@@ -44,5 +44,8 @@ fn errors_name_place_found_and_expected() {
     assert!(text(&npy("<f8", false, "(2, 2)", &[0; 32])).contains("expected (N, 3)"));
     assert!(text(&npy("<U8", false, "(1, 3)", &[0; 96])).contains("header"));
     assert!(text(b"not numpy").contains("header"));
-    assert!(text(&npy("<f8", false, "(0, 3)", &[])).contains("expected (N, 3)"));
+    for shape in ["(0, 3)", "(0, 6)", "(0, 18446744073709551615, 3)"] {
+        assert!(text(&npy("<f8", true, shape, &[])).contains("found 0 points"), "{shape}");
+    }
+    assert!(text(&npy("<f8", false, "(0, 4)", &[])).contains("found [0, 4], expected (N, 3)"));
 }

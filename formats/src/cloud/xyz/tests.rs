@@ -42,6 +42,12 @@ fn names_say_which_columns_are_read() {
         "Easting [m]\tNorthing [m]\tHeight [m]\n1\t2\t3\n4\t5\t6\n",
         ",x,y,z\n0,1,2,3\n1,4,5,6\n",
         "2\nx y z\n1 2 3\n4 5 6\n",
+        "Point ID,X,Y,Z\n7,1,2,3\n8,4,5,6\n",
+        "Name of it;x;y;z;colour\nred car;1;2;3;dark red\n;4;5;6;\n",
+        "label\tx\ty\tz\nred car\t1\t2\t3\na b c\t4\t5\t6\n",
+        "# x, y, z\n1 2 3\n4 5 6\n",
+        "x,y,z\n1 2 3\n4 5 6\n",
+        "# Point ID, x, y, z\n7, 1, 2, 3\n8, 4, 5, 6\n",
     ] {
         let file = read(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));
         let points: Vec<_> = file.cloud.points.iter().map(|p| [p.x, p.y, p.z]).collect();
@@ -78,6 +84,8 @@ fn decimal_commas_are_read_or_refused() {
 fn missing_values_are_refused_with_their_line() {
     let error = |t: &str| read(t).expect_err(t).to_string();
     assert!(error("x,y,z,i\n1,2,3,5\n1,,3,5\n").contains("line 3: found an empty cell in column 2"));
+    assert!(error("Point ID,X,Y,Z\nred car,1,2\n").contains("line 2: found 3 values, expected 4, as line 1 names"));
+    assert!(error("Point ID,lat,lon,alt\nred car,1,2,3\n").contains("line 1: found \"Point ID,lat,lon,alt\""));
     assert!(error("lat,lon,alt\n1,2,3\n").contains("line 1: found \"lat,lon,alt\", expected x, y and z"));
     assert!(error("1\t2\t3\n1\t\t3\n").contains("line 2: found an empty cell in column 2"));
     assert!(error("1 2 3 4\n1 3 4\n").contains("line 2: found 3 numbers, expected 4, as in the lines before"));
