@@ -90,11 +90,6 @@ impl Episode {
     pub fn views_to(&self, level: f64) -> Option<usize> {
         views_to(&self.coverages, level)
     }
-
-    /// Coverage after `index` next views; the last one where the episode ended before.
-    pub fn coverage_after(&self, index: usize) -> f64 {
-        self.coverages.get(index).copied().unwrap_or_else(|| self.final_coverage())
-    }
 }
 
 /// No first view was any good.

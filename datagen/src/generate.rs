@@ -5,6 +5,7 @@
 //! the list. Nothing that is written depends on the number of threads or the clock, but for `run*.toml`.
 
 mod manifest;
+mod meshes;
 mod object;
 
 use crate::config::DatagenConfig;
@@ -47,6 +48,17 @@ pub enum GenerateError {
         out: PathBuf,
         /// One line per setting.
         differences: String,
+    },
+    /// The directory holds shards of other meshes.
+    #[error(
+        "{out:?} contains shards that were made from other meshes of these names: {objects}; give another --out, or delete \
+         these shards to make them anew"
+    )]
+    OtherMeshes {
+        /// The directory.
+        out: PathBuf,
+        /// The first objects.
+        objects: String,
     },
     /// Another process makes the same part.
     #[error(transparent)]
@@ -108,6 +120,13 @@ pub struct Job<'a> {
     pub commit: &'a str,
 }
 
+impl<'a> Job<'a> {
+    /// This process's share of the objects.
+    fn mine(&self) -> Vec<&'a Object> {
+        self.objects.iter().skip(self.part.index).step_by(self.part.count.max(1)).collect()
+    }
+}
+
 /// What happened to one object.
 #[derive(Clone, Debug)]
 enum Outcome {
@@ -131,7 +150,7 @@ pub fn generate(
     progress: impl Fn(usize, usize, &str) + Sync,
 ) -> Result<Summary, GenerateError> {
     let hash = formats::config::hash(&job.config.without_places())?;
-    let mine: Vec<&Object> = job.objects.iter().skip(job.part.index).step_by(job.part.count.max(1)).collect();
+    let mine = job.mine();
     let damaged = Mutex::new(vec![]);
     let failure: Mutex<Option<GenerateError>> = Mutex::new(None);
     let done = AtomicUsize::new(0);
@@ -198,11 +217,12 @@ pub struct Prepared {
     _lock: Lock,
 }
 
-/// Makes the run directory: refuses one that holds the output of another program or a set of other settings, or of which
-/// another process makes the same part; stores the settings.
+/// Makes the run directory: refuses one that holds the output of another program or a set of other settings or meshes, or of
+/// which another process makes the same part; stores the settings.
 ///
 /// # Errors
-/// Another program's output; other settings, with what differs; another process; what the operating system refuses.
+/// Another program's output; other settings, with what differs; other meshes; another process; what the operating system
+/// refuses.
 pub fn prepare(job: &Job, program: &str) -> Result<Prepared, GenerateError> {
     let name = match job.part {
         Part::WHOLE => "run.toml".to_owned(),
@@ -210,6 +230,7 @@ pub fn prepare(job: &Job, program: &str) -> Result<Prepared, GenerateError> {
     };
     // Before anything is written, the lock included.
     check_output(job.out, OutputKind::DataSet)?;
+    meshes::check(job)?;
     manifest::locked(job.out, || {
         let stored = job.out.join("config.toml");
         if stored.exists() {

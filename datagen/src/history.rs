@@ -109,6 +109,7 @@ pub fn import(
             config_hash: DATASET.to_owned(),
             seed,
             commit: commit.to_owned(),
+            mesh: String::new(),
             objects: vec![record.clone()],
         };
         let mut writer = ShardWriter::new(metadata, CloudPrecision::F32);

@@ -221,16 +221,53 @@ fn modelnet40_runs_with_no_further_flag_and_explains_itself() {
     assert!(text.starts_with("box/box_0005\tbox\tTest"), "{text}");
 }
 
+/// An OFF file.
+fn block(height: f64) -> String {
+    format!(
+        "OFF\n8 6 0\n-1 -1 -1\n1 -1 -1\n1 2 -1\n-1 2 -1\n-1 -1 {height}\n1 -1 {height}\n1 2 {height}\n-1 2 {height}\n\
+         4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
+    )
+}
+
+#[test]
+fn shards_of_other_meshes_are_not_taken_for_those_of_these() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    for (root, height) in [("a", 1.0), ("b", 1.3), ("a-again", 1.0)] {
+        std::fs::create_dir(home.join(root)).unwrap();
+        std::fs::write(home.join(root).join("part.off"), block(height)).unwrap();
+    }
+    let small = ["--scans", "1", "--set", "candidates.num_targets=4", "--set", "surface_samples=3000"];
+    let from =
+        |root: &str| run(datagen(home).args(["--dataset", "folder", "--root", root, "--out", "out"]).args(small));
+    let good = |root: &str, expected: &str| {
+        let (code, text) = from(root);
+        assert!(code == Some(0) && text.contains(expected), "{root}: {text}");
+    };
+    good("a", "1 made");
+    good("a-again", "1 there before");
+    let before = bytes(&home.join("out"));
+    let (code, text) = from("b");
+    assert!(code == Some(1) && text.contains("other meshes of these names: part; give another --out"), "{text}");
+    assert!(bytes(&home.join("out")) == before, "it is left as it was");
+
+    // A shard of an older program does not say what it was made from.
+    let shard = home.join("out/shards/part.safetensors");
+    let reader = formats::ShardReader::open(&shard).unwrap();
+    let metadata = formats::ShardMetadata { mesh: String::new(), ..reader.metadata().clone() };
+    let mut older = formats::ShardWriter::new(metadata, formats::CloudPrecision::F32);
+    (0..reader.len()).for_each(|i| older.push(&reader.sample(i).unwrap()).unwrap());
+    older.write(&shard).unwrap();
+    good("b", "1 there before");
+    std::fs::remove_file(&shard).unwrap();
+    good("b", "1 made");
+    assert!(from("a").1.contains("other meshes"), "the new one says it again");
+}
+
 #[test]
 fn names_that_meet_are_objects_of_their_own() {
     let home = tempfile::tempdir().unwrap();
     let home = home.path();
-    let block = |height: f64| {
-        format!(
-            "OFF\n8 6 0\n-1 -1 -1\n1 -1 -1\n1 2 -1\n-1 2 -1\n-1 -1 {height}\n1 -1 {height}\n1 2 {height}\n-1 2 {height}\n\
-             4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
-        )
-    };
     std::fs::create_dir(home.join("in")).unwrap();
     let long = format!("{}.off", "n".repeat(240));
     for (name, height) in [("a.off", 1.0), ("a.OFF", 1.2), (long.as_str(), 1.4)] {

@@ -88,7 +88,7 @@ pub fn efficiency_interval(runs: &Runs, views_if_unreached: usize, draws: &[Draw
     interval(efficiency(c.mean(), v.mean()), &[&c, &v], draws, |d| efficiency(c.mean_of(d), v.mean_of(d)))
 }
 
-/// Interval of a figure's mean minus the baseline's, paired by object and episode.
+/// Interval of a figure's mean minus the baseline's, paired by object and episode: those where both have a value.
 pub fn difference(
     runs: &Runs,
     baseline: &Runs,
@@ -99,7 +99,12 @@ pub fn difference(
     seed: u64,
 ) -> Option<Interval> {
     let (a, b) = runs.paired(baseline);
-    let [a, b] = [a, b].map(|r| r.column(figure, views_if_unreached));
+    let [mut a, mut b] = [a, b].map(|r| r.column(figure, views_if_unreached));
+    for (x, y) in a.0.iter_mut().flatten().zip(b.0.iter_mut().flatten()) {
+        if x.is_none() || y.is_none() {
+            (*x, *y) = (None, None);
+        }
+    }
     let draws = draws(&a.sizes(), over, resamples, seed);
     interval(Some(a.mean()? - b.mean()?), &[&a, &b], &draws, |d| Some(a.mean_of(d)? - b.mean_of(d)?))
 }

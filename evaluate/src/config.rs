@@ -191,9 +191,11 @@ impl EvaluateConfig {
         };
         share("volumetric.min_overlap", planner.min_overlap)?;
         share("volumetric.weight_center", planner.weight_center)?;
+        share("volumetric.novelty", planner.novelty)?;
         if !(planner.voxel_px > 0.0 && planner.voxel_px.is_finite()) {
             return Err(SettingError::new("volumetric.voxel_px", planner.voxel_px, "a number of pixels above 0"));
         }
+        self.see.validate()?;
         check_counts(&[
             ("episodes", self.episodes),
             ("surface_samples", self.surface_samples),
@@ -205,7 +207,7 @@ impl EvaluateConfig {
         ])
     }
 
-    /// Hash of what outcomes depend on: everything but which policies and episodes are run and how they are reported.
+    /// Hash of what outcomes depend on: everything but which policies, objects and episodes are run and how they are reported.
     pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
         let Self { policies, baseline, episodes, resamples, only, .. } = Self::default();
         // The CPU is what an absent device stands for.

@@ -40,7 +40,7 @@ pub enum JournalError {
     /// Made with other settings.
     #[error(
         "{path:?} was made with other settings (hash {found}, now {expected}): give another --out, or remove the \
-         directory to start over. Only policies, episodes and the report may change between runs"
+         directory to start over. Only policies, episodes, objects by --only and the report may change between runs"
     )]
     OtherSettings {
         /// The file.

@@ -34,7 +34,7 @@ pub enum Figure {
     /// Coverage after the first scan, percent.
     FirstCoverage,
     /// Coverage after so many next views, percent.
-    CoverageAfter(u8),
+    CoverageAfter(usize),
     /// 100 where one of so many next views was merged and is off by more than the tolerance, else 0.
     FailedIn(u8),
     /// The same if it is still off at the end, after all adjustments.
@@ -69,7 +69,7 @@ impl Figure {
             Figure::Chamfer => Some(1e3 * record.chamfer_m),
             Figure::Hausdorff => Some(1e3 * record.hausdorff_m),
             Figure::FirstCoverage => record.coverages.first().map(|c| 100.0 * c),
-            Figure::CoverageAfter(n) => Some(100.0 * record.coverage_after(usize::from(n))),
+            Figure::CoverageAfter(n) => Some(100.0 * record.coverage_after(n)),
             Figure::FailedIn(n) => {
                 let outcome = record.registration.as_ref()?;
                 let failed = outcome.views.iter().take(usize::from(n)).any(|v| v.failed);

@@ -1,4 +1,4 @@
-//! A whole run in its directory: the episodes that are missing, then the report on all of them.
+//! A whole run in its directory: the episodes that are missing, then the report on all that were asked for.
 
 use crate::batches::{self, NothingRun, Watch};
 use crate::benchmark::BenchmarkError;
@@ -14,6 +14,7 @@ use datagen::{OutputError, OutputKind, check_output};
 use formats::lock::{LOCK, LockError, try_lock};
 use formats::run::RunDir;
 use formats::{ConfigError, FormatError};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -67,7 +68,8 @@ pub enum Ended {
     },
 }
 
-/// Runs what is missing of these policies and reports on all. The settings are known to be good ([`EvaluateConfig::validate`]),
+/// Runs what is missing of these policies on the objects of the settings, and reports on these alone: the journal of a run to which
+/// policies, objects or episodes were added holds more. The settings are known to be good ([`EvaluateConfig::validate`]),
 /// the policies too ([`crate::policies::check`]).
 ///
 /// # Errors
@@ -100,7 +102,10 @@ pub fn run(
     }
     let mut directory = RunDir::create(out, "evaluate", built::COMMIT, config)?;
     let total = sources.len() * policies.len() * config.episodes;
-    let wanted = |key: &EpisodeKey| names.contains(&key.policy) && key.episode < config.episodes;
+    let objects: BTreeSet<&str> = sources.iter().map(|source| source.name.as_str()).collect();
+    let wanted = |key: &EpisodeKey| {
+        objects.contains(key.object.as_str()) && names.contains(&key.policy) && key.episode < config.episodes
+    };
     watch.begun(total, contents.keys().iter().filter(|k| wanted(k)).count());
     let outcome = batches::run(&sources, policies, config, networks, &journal, &mut contents, stop, watch)?;
     contents.episodes.retain(|(r, _)| wanted(&r.key));

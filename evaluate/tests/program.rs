@@ -100,6 +100,27 @@ fn a_run_without_usable_objects_fails_and_a_run_prints_typed_rows() {
 }
 
 #[test]
+fn a_report_holds_the_objects_of_its_command_alone() {
+    let directory = tempfile::tempdir().expect("dir");
+    let set = ["--dataset", "procedural", "--objects", "2", "--episodes", "1", "--set", "episode.num_views=1"];
+    let policies = ["--policies", "random-33", "--baseline", "random-33", "--set", "surface_samples=3000"];
+    let reported = |only: &[&'static str]| {
+        let arguments = [&set[..], &policies, &["--json", "--out", "out"], only].concat();
+        let (code, json, message) = run(directory.path(), &arguments);
+        assert_eq!(code, Some(0), "{message}");
+        let rows: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        let rows = rows["objects"].as_array().expect("a list");
+        rows.iter().map(|row| row["object"].as_str().expect("a name").to_owned()).collect::<Vec<String>>()
+    };
+    let [first, second] = ["procedural/train_000000", "procedural/train_000001"];
+    assert_eq!(reported(&["--only", first]), [first]);
+    assert_eq!(reported(&["--only", second]), [second], "the journal holds both");
+    let report = std::fs::read_to_string(directory.path().join("out/report.md")).expect("a report");
+    assert!(report.contains(second) && !report.contains(first), "{report}");
+    assert_eq!(reported(&[]), [first, second]);
+}
+
+#[test]
 fn the_papers_values_are_printed_beside_ours() {
     let directory = tempfile::tempdir().expect("dir");
     let set = ["--dataset", "procedural", "--objects", "1", "--episodes", "1", "--set", "episode.num_views=1"];

@@ -139,6 +139,10 @@ pub struct ShardMetadata {
     pub seed: u64,
     /// Commit of the source tree.
     pub commit: String,
+    /// [`crate::config::digest`] of the mesh file that it was made from; empty where there was none, and in shards of older
+    /// programs.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub mesh: String,
     /// The objects in it, each with its split and curves; `object` in the tensors indexes this list.
     pub objects: Vec<ObjectRecord>,
 }

@@ -53,11 +53,6 @@ pub fn views_to(coverages: &[f64], level: f64) -> Option<usize> {
     coverages.iter().position(|&c| c >= level).map(|i| i + 1)
 }
 
-/// Efficiency of a set of episodes, a ratio of means: mean final coverage in percent / mean number of views to 90 %.
-pub fn efficiency(mean_final_coverage: f64, mean_views_to_90: f64) -> f64 {
-    100.0 * mean_final_coverage / mean_views_to_90
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,6 +107,5 @@ mod tests {
         assert_eq!(overlap_variation(&[None]), None);
         assert_eq!(views_to(&[0.3, 0.8, 0.95], 0.9), Some(3));
         assert_eq!(views_to(&[0.3], 0.9), None);
-        assert!((efficiency(0.957, 7.11) - 13.46).abs() < 0.01);
     }
 }

@@ -14,6 +14,9 @@ use std::path::{Path, PathBuf};
 /// Neighbours that the density is taken over (docs/method.md, 'Network input and output').
 const DENSITY_NEIGHBORS: usize = 30;
 
+/// What stands before the digest of the samples in a set's name.
+pub(crate) const CONTENTS: &str = ", contents ";
+
 /// A data set on disk; samples are read when they are asked for.
 #[derive(Debug)]
 pub struct Dataset {
@@ -204,23 +207,27 @@ impl Dataset {
             range.flat_map(|source| (0..sources[source].len()).map(move |index| Place { source, index })).collect()
         };
         let (train, validation) = (places(0..objects), places(objects..sources.len()));
-        let set = Dataset { name, sources, train, validation, objects: named };
+        let mut set = Dataset { name, sources, train, validation, objects: named };
+        let mut marks = String::new();
         for (what, list) in [("training", &set.train), ("validation", &set.validation)] {
             if list.is_empty() {
                 let problem = format!("no {what} samples in {} objects", set.sources.len());
                 return Err(unfit(path, problem, "make a set of at least two usable objects with `datagen`"));
             }
-            let problems = list.par_iter().map(|place| Ok(check(&set.sample(*place)?).err()));
-            let problems: Vec<Option<String>> = problems.collect::<Result<_, TrainError>>()?;
+            let looked = list.par_iter().map(|place| set.sample(*place).map(|s| (check(&s).err(), mark(&s))));
+            let looked: Vec<(Option<String>, String)> = looked.collect::<Result<_, TrainError>>()?;
+            let (problems, own): (Vec<Option<String>>, Vec<String>) = looked.into_iter().unzip();
+            marks.extend(own);
             if let (Some(Some(first)), true) = (problems.first(), problems.iter().all(Option::is_some)) {
                 let problem = format!("not one of {} {what} samples can be used: {first}", list.len());
                 return Err(unfit(path, problem, "make the set again with `datagen`"));
             }
         }
+        set.name += &format!("{CONTENTS}{}", formats::config::digest(marks.as_bytes()));
         Ok(set)
     }
 
-    /// Names the set: where its samples come from, not where it lies.
+    /// Names the set: where its samples come from, and a digest that tells them from others; not where it lies.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -257,6 +264,15 @@ impl Dataset {
             Source::Frames(samples) => samples[place.index].clone(),
         })
     }
+}
+
+/// Tells a sample from others by what follows from all the rest: its views and their scores. Not by its file, where the commit
+/// that made it stands as well.
+fn mark(sample: &Sample) -> String {
+    let views = sample.candidates.iter().map(|c| &c.view);
+    let places = views.flat_map(|view| view.target.iter().chain(view.position.iter()).copied());
+    let numbers = places.chain(sample.scores.iter().copied()).chain([sample.cloud.len() as f64]);
+    formats::config::digest(&numbers.flat_map(f64::to_le_bytes).collect::<Vec<u8>>())
 }
 
 /// Why a sample cannot be trained on.

@@ -130,6 +130,19 @@ pub enum TrainError {
         /// What is left of the run, and where.
         kept: String,
     },
+    /// Every epoch was trained, and no validation came out finite.
+    #[error(
+        "the validation loss was not finite in any of {epochs} epochs: the weights are of no use ({kept}); start a new run with a \
+         lower --lr (now {rate:e}) or with optimizer.clip_norm, or look for bad data in log.jsonl"
+    )]
+    NeverFinite {
+        /// Epochs done.
+        epochs: u32,
+        /// The setting.
+        rate: f64,
+        /// What is left of the run, and where.
+        kept: String,
+    },
     /// The loader ended early.
     #[error("a loader thread ended without a batch: {0}")]
     Loader(String),

@@ -3,6 +3,7 @@
 use crate::TrainError;
 use crate::checkpoint::{self, TrainingState};
 use crate::config::TrainConfig;
+use crate::data::CONTENTS;
 use crate::task::Task;
 use std::path::Path;
 
@@ -48,8 +49,44 @@ fn check_origin(state: &TrainingState, settings: &str, data: &str, latest: &Path
                 .into(),
         );
     }
-    if state.data != data {
+    if state.data != data && state.data != without_contents(data) {
         return refuse(format!("it was trained on {}, not on {data}; name that set with --data", state.data));
     }
     Ok(())
+}
+
+/// The data's name as it was before there were digests of samples in it, so that runs from then go on.
+fn without_contents(data: &str) -> String {
+    let (first, rest) = data.split_once(CONTENTS).unwrap_or((data, ""));
+    let after_digits = |part: &str| part.trim_start_matches(|c: char| c.is_ascii_hexdigit()).to_owned();
+    first.to_owned() + &rest.split(CONTENTS).map(after_digits).collect::<String>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::schedule::{Schedule, ScheduleConfig};
+
+    #[test]
+    fn a_run_of_before_goes_on_with_the_data_of_its_name_and_no_other() {
+        let schedule = Schedule::new(&ScheduleConfig::default(), 1.0, 1).state();
+        let check = |of_run: &str, now: &str| {
+            let state = TrainingState::fresh("h".into(), of_run.into(), schedule);
+            check_origin(&state, "h", now, Path::new("run/latest")).map_err(|e| e.to_string())
+        };
+        let one = "folder (settings 4ae0, seed 0, 383 samples), contents 0123456789abcdef";
+        let other = "folder (settings 4ae0, seed 0, 383 samples), contents 0123456789abcdee";
+        let joined = format!("{one} + 3 frame histories, contents 00000000000000ff");
+        assert_eq!(check(one, one), Ok(()));
+        assert_eq!(check("folder (settings 4ae0, seed 0, 383 samples)", one), Ok(()));
+        assert_eq!(check("folder (settings 4ae0, seed 0, 383 samples) + 3 frame histories", &joined), Ok(()));
+        assert_eq!(check("41 objects, 7 states", "41 objects, 7 states"), Ok(()), "generated data");
+        let text = check(one, other).expect_err("other samples");
+        assert!(
+            text.contains(&format!("it was trained on {one}, not on {other}; name that set with --data")),
+            "{text}"
+        );
+        check("folder (settings 4ae0, seed 0, 384 samples)", one).expect_err("another number of samples");
+        check(one, &joined).expect_err("more data");
+    }
 }

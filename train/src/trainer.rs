@@ -63,8 +63,8 @@ pub fn open_device(config: &TrainConfig) -> Result<Device, TrainError> {
 ///
 /// # Errors
 ///
-/// A setting out of range, unusable data, a checkpoint of other settings or data, a full disk, divergence, or an epoch without a
-/// step that changed the weights. What was saved before stays.
+/// A setting out of range, unusable data, a checkpoint of other settings or data, a full disk, divergence, an epoch without a
+/// step that changed the weights, or an end without any finite validation loss. What was saved before stays.
 pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outcome, TrainError> {
     config.validate()?;
     let device = open_device(config)?;
@@ -161,6 +161,10 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
         watch.message(state.step, format!("stopped at step {}; --resume continues from there", state.step))?;
     }
     watch.flush(true)?;
+    if finished && state.schedule.best.is_none() {
+        let (rate, kept) = (config.optimizer.learning_rate, kept(run.dir, &state));
+        return Err(TrainError::NeverFinite { epochs: state.epoch, rate, kept });
+    }
     let epochs = watch.records().iter().filter_map(|r| if let Record::Epoch(e) = r { Some(e.clone()) } else { None });
     Ok(Outcome { state, finished, epochs: epochs.collect() })
 }

@@ -1,5 +1,5 @@
 //! What a run records of its weights: the figures of a validation beside those that were validated, and no figures of an epoch in
-//! which nothing was learnt.
+//! which nothing was learnt, nor a success where nothing finite came of it.
 #![allow(missing_docs)]
 
 mod common;
@@ -93,4 +93,14 @@ fn an_epoch_in_which_nothing_was_learnt_ends_the_run() {
         assert!(text.contains(part), "{part}: {text}");
     }
     assert_eq!(epochs(&dir), 1, "only that in which a step was done");
+
+    // The same where that epoch is all there is, and when the run is resumed.
+    config.epochs = 1;
+    let dir = tmp.path().join("once");
+    for resume in [false, true] {
+        let text = run_until(&config, &data, &dir, resume, u64::MAX).expect_err("no use").to_string();
+        for part in ["not finite in any of 1 epochs", "kept in", "(now 1e30)"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! From one mesh to one shard.
 
-use super::{GenerateError, Job, Outcome, lock, shard_path, skip_path};
+use super::{GenerateError, Job, Outcome, lock, meshes, shard_path, skip_path};
 use crate::dataset::{Object, load_mesh};
 use crate::episode::{EpisodeError, run_episode_with};
 use crate::scene::Scene;
@@ -17,7 +17,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Keeps a shard that is whole, and makes it otherwise.
+/// Keeps a shard that is whole ([`meshes::check`] has refused those of other meshes), and makes it otherwise.
 pub(super) fn make(
     job: &Job,
     hash: &str,
@@ -94,8 +94,8 @@ fn scan_object(
     object: &Object,
 ) -> Result<Result<(ShardWriter, ObjectRecord), Unusable>, FormatError> {
     let config = job.config;
-    let mesh = match load_mesh(object) {
-        Ok(mesh) => mesh.normalized(config.object_diagonal_m),
+    let (mesh, digest) = match load_mesh(object).and_then(|mesh| Ok((mesh, meshes::digest(object)?))) {
+        Ok((mesh, digest)) => (mesh.normalized(config.object_diagonal_m), digest),
         Err(error) => return Ok(Err(error.into())),
     };
     let (low, high) = mesh.bounding_box();
@@ -153,6 +153,7 @@ fn scan_object(
         config_hash: hash.to_owned(),
         seed: config.seed,
         commit: job.commit.to_owned(),
+        mesh: digest,
         objects: vec![record.clone()],
     };
     let mut writer = ShardWriter::new(metadata, config.cloud_precision);

@@ -66,6 +66,21 @@ fn pairing_removes_what_both_share() {
 }
 
 #[test]
+fn an_episode_where_one_of_two_has_no_value_counts_for_neither() {
+    let list = [
+        record("a", "p", 0, &[0.5], &[Some(0.4)]),
+        record("a", "p", 1, &[0.5], &[Some(0.6)]),
+        record("a", "p", 2, &[0.5], &[None]),
+        record("a", "q", 0, &[0.5], &[Some(0.5)]),
+        record("a", "q", 1, &[0.5], &[None]),
+        record("a", "q", 2, &[0.5], &[Some(0.9)]),
+    ];
+    let (p, q) = (Runs::of(&list, "p"), Runs::of(&list, "q"));
+    let d = difference(&q, &p, Figure::Overlap(1), 17, ResampleUnit::Episodes, 200, 0).expect("a pair");
+    assert!((d.value - 10.0).abs() < 1e-9 && (d.low, d.high) == (None, None), "a single pair: {d:?}");
+}
+
+#[test]
 fn a_closure_is_the_share_of_the_gap() {
     let policy = |name: &str, views: usize| -> Vec<_> {
         let mut coverages = vec![0.5; views];

@@ -79,5 +79,9 @@ fn settings_of_views_without_a_meaning_are_refused() {
     );
     assert!(refused(|c| c.volumetric.min_overlap = 30.0).contains("volumetric.min_overlap"));
     assert!(refused(|c| c.volumetric.weight_center = -1.0).contains("volumetric.weight_center"));
+    assert!(refused(|c| c.volumetric.novelty = f64::NAN).contains("volumetric.novelty"));
     assert!(refused(|c| c.volumetric.voxel_px = 0.0).contains("volumetric.voxel_px"));
+    assert!(refused(|c| c.see.radius_m = -0.01).contains("see.radius_m = -0.01: expected a number of at least 0"));
+    assert!(refused(|c| c.see.fill = 0.0).contains("see.fill"));
+    assert!(refused(|c| c.see.updates_per_scan = 0).contains("see.updates_per_scan"));
 }

@@ -2,7 +2,7 @@
 
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
-use crate::metrics::{Figure, Runs, mean};
+use crate::metrics::{Figure, Runs};
 use crate::report::registration::FailureRow;
 use plotters::prelude::*;
 
@@ -43,17 +43,9 @@ fn svg(
     }
 }
 
-/// Mean coverage after each view, one curve per policy.
+/// Mean coverage after each view, one curve per policy, with objects weighing alike as in the tables.
 pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> String {
-    let curves: Vec<Vec<(f64, f64)>> = policies
-        .iter()
-        .map(|policy| {
-            let runs = Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
-            (0..=config.episode.num_views)
-                .filter_map(|i| Some((i as f64 + 1.0, 100.0 * mean(runs.records().map(|r| r.coverage_after(i)))?)))
-                .collect()
-        })
-        .collect();
+    let curves = policies.iter().map(|policy| coverage_curve(contents, config, policy));
     svg(1100, 520, |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
@@ -80,6 +72,13 @@ pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &
             .border_style(BLACK.mix(0.3))
             .draw()
     })
+}
+
+/// Views, the first scan included, each with a policy's mean coverage after it, percent.
+fn coverage_curve(contents: &Contents, config: &EvaluateConfig, policy: &str) -> Vec<(f64, f64)> {
+    let runs = Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
+    let mean = |next_views| runs.column(Figure::CoverageAfter(next_views), config.views_if_unreached()).mean();
+    (0..=config.episode.num_views).filter_map(|i| Some((i as f64 + 1.0, mean(i)?))).collect()
 }
 
 /// Failures against what there was to register by, with 95 % intervals: overlaps on the left, lambda on the right.
@@ -179,4 +178,25 @@ pub fn overlap_boxes(contents: &Contents, policies: &[String]) -> String {
         }
         Ok(())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+    use crate::record::Timing;
+
+    #[test]
+    fn curves_are_means_over_objects_as_the_tables_are() {
+        let of = |(object, episode, last): (&str, usize, f64)| {
+            (record(object, "p", episode, &[0.5, last], &[]), Timing { episode_s: 0.0, decisions_s: vec![] })
+        };
+        // Episodes are fewer on one of two objects where some could not be run.
+        let episodes = [("a", 0, 1.0), ("a", 1, 1.0), ("a", 2, 1.0), ("b", 0, 0.5)].map(of).to_vec();
+        let contents = Contents { episodes, skipped: vec![] };
+        let mut config = EvaluateConfig::default();
+        config.episode.num_views = 2;
+        assert_eq!(coverage_curve(&contents, &config, "p"), [(1.0, 50.0), (2.0, 75.0), (3.0, 75.0)]);
+        assert!(coverage_curve(&contents, &config, "q").is_empty());
+    }
 }

@@ -6,7 +6,7 @@ use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, quantile};
 use crate::record::EpisodeRecord;
-use datagen::registration::ViewRegistration;
+use datagen::registration::{Refused, ViewRegistration};
 use serde::Serialize;
 
 /// Edges of the bins of overlaps, percent, and of lambda; the last one is open.
@@ -20,6 +20,7 @@ const LAMBDAS: [f64; 7] = [0.0, 1.0, 2.0, 4.0, 7.0, 12.0, 25.0];
 pub struct RegistrationRow {
     pub policy: String,
     pub episodes: usize,
+    /// After so many next views; absent where there are fewer in an episode.
     pub coverage_after_5_percent: Option<f64>,
     pub coverage_after_8_percent: Option<f64>,
     pub coverage_after_15_percent: Option<f64>,
@@ -34,6 +35,7 @@ pub struct RegistrationRow {
     /// Root mean square of how far merged points are off.
     pub left_mm: Option<f64>,
     pub off_percent: Option<f64>,
+    /// This and what follows: over scans that have points.
     pub overlap_percent: Option<f64>,
     pub like_overlap_percent: Option<f64>,
     pub lambda_median: Option<f64>,
@@ -133,19 +135,21 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
 fn row(policy: &str, runs: &Runs, config: &EvaluateConfig) -> RegistrationRow {
     let column = |figure| runs.column(figure, config.views_if_unreached());
     let m = |figure| column(figure).mean();
+    let after = |views: usize| m(Figure::CoverageAfter(views)).filter(|_| views <= config.episode.num_views);
     let failed = column(Figure::FailedIn(5));
     let interval =
         mean_interval(&failed, &draws(&failed.sizes(), ResampleUnit::Episodes, config.resamples, config.seed));
-    let views = || runs.records().flat_map(views_of);
+    // A scan without points has nothing to register by.
+    let views = || runs.records().flat_map(views_of).filter(|(_, _, v)| v.refused != Some(Refused::Empty));
     let percent = |of: &dyn Fn(&EpisodeRecord, usize, &ViewRegistration) -> Option<f64>| {
         crate::metrics::mean(views().filter_map(|(r, i, v)| of(r, i, v))).map(|share| 100.0 * share)
     };
     RegistrationRow {
         policy: policy.to_owned(),
         episodes: runs.len(),
-        coverage_after_5_percent: m(Figure::CoverageAfter(5)),
-        coverage_after_8_percent: m(Figure::CoverageAfter(8)),
-        coverage_after_15_percent: m(Figure::CoverageAfter(15)),
+        coverage_after_5_percent: after(5),
+        coverage_after_8_percent: after(8),
+        coverage_after_15_percent: after(15),
         failed_in_first_5_percent: failed.mean(),
         failed_in_first_5_percent_ci_episodes_low: interval.and_then(|i| i.low),
         failed_in_first_5_percent_ci_episodes_high: interval.and_then(|i| i.high),
@@ -228,7 +232,7 @@ pub fn tables(rows: &[RegistrationRow], failures: &[FailureRow]) -> Vec<Table> {
             "Registration",
             "Scans were given poses that are off, and registered. Coverage, here and everywhere in this run, counts points that are \
              off by less than the tolerance. Failed: episodes with a merged scan that is off by more (root mean square). left: how far \
-             merged points are off in the end. lambda: median over scans.",
+             merged points are off in the end. Over scans that have points: overlap and like normals (means), lambda (medians).",
             rows,
         ),
         Table::of(

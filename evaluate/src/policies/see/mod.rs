@@ -24,7 +24,8 @@ use planning::{PastScan, PlanError, Planner, RankedView, ScanState, Seen};
 use rand_chacha::ChaCha8Rng;
 use state::Surface;
 
-/// SEE as a policy. Offers nothing when no frontier is left, or when the scans' poses are not known.
+/// SEE as a policy. Offers nothing when no frontier is left, or when the scans' poses are not known; fails where a density
+/// that is set leaves too few points to tell edges by.
 pub struct SeePlanner {
     name: String,
     config: SeeConfig,
@@ -55,32 +56,44 @@ impl SeePlanner {
         Self { drive: Drive::Paper, ..Self::new("see:paper", SeeConfig::paper()) }
     }
 
-    fn surface(&mut self, state: &ScanState, scan: &[Point3<f64>]) -> Option<&mut Surface> {
-        if self.surface.is_none() {
-            let params = SeeParams::resolve(&self.config, scan, state.grid_size, state.working_distance)?;
-            self.surface = Some(Surface::new(params));
-        }
-        self.surface.as_mut()
+    fn surface(&mut self, state: &ScanState, scan: &[Point3<f64>]) -> Result<&mut Surface, PlanError> {
+        let surface = match self.surface.take() {
+            Some(surface) => surface,
+            None => SeeParams::resolve(&self.config, scan, state.grid_size, state.working_distance)
+                .map(Surface::new)
+                .ok_or_else(|| self.unusable(state.grid_size))?,
+        };
+        Ok(self.surface.insert(surface))
     }
 
-    fn rank_correct(&mut self, state: &ScanState) -> Vec<RankedView> {
+    /// Why there are no parameters: a density that is set is at fault, one that was derived is the first scan's.
+    fn unusable(&self, spacing: f64) -> PlanError {
+        let (density, radius) = (self.config.density_per_m3, self.config.radius(spacing));
+        if density > 0.0 && radius > 0.0 {
+            let why = format!(
+                "see.density_per_m3 = {density} asks for fewer than 3 points per ball of {radius:.4} m: set a higher density \
+                 or a larger see.radius_m, or 0, which derives it from the first scan"
+            );
+            return PlanError::failed(&self.name, why);
+        }
+        PlanError::no_view(&self.name, "the first scan is too sparse to tell its edges")
+    }
+
+    fn rank_correct(&mut self, state: &ScanState) -> Result<Vec<RankedView>, PlanError> {
         let unseen = self.seen.min(state.scans.len());
         self.seen = state.scans.len();
         for scan in &state.scans[unseen..] {
             let points = points_of(scan);
             let sensor = Point3::from(scan.world_from_camera.translation.vector);
-            match self.surface(state, &points) {
-                Some(surface) => surface.update(&points, sensor),
-                None => return Vec::new(),
-            }
+            self.surface(state, &points)?.update(&points, sensor);
         }
-        let Some(surface) = self.surface.as_ref().filter(|s| !s.done) else { return Vec::new() };
-        let Some(target) = surface.target else { return Vec::new() };
+        let Some(surface) = self.surface.as_ref().filter(|s| !s.done) else { return Ok(Vec::new()) };
+        let Some(target) = surface.target else { return Ok(Vec::new()) };
         let rest = surface.frontiers_by_view(&surface.sensor, usize::MAX).into_iter().filter(|&i| i != target);
-        std::iter::once(target).chain(rest).map(|i| ranked(surface.proposal(i), surface.graph.sees(i))).collect()
+        Ok(std::iter::once(target).chain(rest).map(|i| ranked(surface.proposal(i), surface.graph.sees(i))).collect())
     }
 
-    fn rank_paper(&mut self, state: &ScanState) -> Vec<RankedView> {
+    fn rank_paper(&mut self, state: &ScanState) -> Result<Vec<RankedView>, PlanError> {
         let sensor = match &self.surface {
             // The first call names the initial view's target, the origin, as the sensor.
             None => Point3::origin(),
@@ -88,15 +101,12 @@ impl SeePlanner {
                 surface.next.map_or_else(Point3::origin, |view| rebuilt(&view, state.working_distance).target)
             }
         };
-        match self.surface(state, &state.cloud.points) {
-            Some(surface) => surface.update(&state.cloud.points, sensor),
-            None => return Vec::new(),
-        }
+        self.surface(state, &state.cloud.points)?.update(&state.cloud.points, sensor);
         // Before any selection the published proposal is zeroed memory: a camera in its own target sees nothing.
         let zeros = View { target: Point3::origin(), position: Point3::origin() };
         let next =
             self.surface.as_ref().and_then(|s| s.next).map_or(zeros, |view| rebuilt(&view, state.working_distance));
-        vec![ranked(next, 0)]
+        Ok(vec![ranked(next, 0)])
     }
 }
 
@@ -129,7 +139,7 @@ impl Planner for SeePlanner {
         let views = match self.drive {
             Drive::Correct => self.rank_correct(state),
             Drive::Paper => self.rank_paper(state),
-        };
+        }?;
         checked(&self.name, views, PlanError::no_view(&self.name, "no frontier is left"))
     }
 

@@ -1,5 +1,6 @@
 //! Parameters of SEE, given or derived.
 
+use formats::config::SettingError;
 use nalgebra::Point3;
 
 /// What a user may set. A zero is derived, as the published code does.
@@ -60,6 +61,40 @@ impl SeeConfig {
     pub fn fixed() -> Self {
         Self { radius_m: 0.010, density_per_m3: 4e6, ..Self::default() }
     }
+
+    /// Radius of the density ball for a first scan with this point spacing, metres.
+    pub(super) fn radius(&self, spacing: f64) -> f64 {
+        if self.radius_m > 0.0 { self.radius_m } else { self.radius_in_spacings * spacing }
+    }
+
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// The key, what was found, and what was expected.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        let at_least_0 = [
+            ("see.radius_m", self.radius_m),
+            ("see.density_per_m3", self.density_per_m3),
+            ("see.view_distance_m", self.view_distance_m),
+            ("see.occlusion_search_m", self.occlusion_search_m),
+            ("see.probe_step_m", self.probe_step_m),
+            ("see.max_thinning", self.max_thinning),
+        ];
+        for (key, value) in at_least_0 {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(SettingError::new(key, value, "a number of at least 0"));
+            }
+        }
+        for (key, value) in [("see.radius_in_spacings", self.radius_in_spacings), ("see.fill", self.fill)] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(SettingError::new(key, value, "a number above 0"));
+            }
+        }
+        match self.updates_per_scan {
+            0 => Err(SettingError::new("see.updates_per_scan", 0, "at least 1")),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Parameters in use; all lengths in metres.
@@ -91,17 +126,11 @@ fn published_spacing(radius: f64, density: f64) -> f64 {
     (3.0 * radius / (2.0 * std::f64::consts::PI * density)).cbrt()
 }
 
-/// View distance at which a sensor of `pixels` with half-view tangents `tx`, `ty` reaches the density.
-#[cfg(test)]
-fn derived_distance(radius: f64, density: f64, pixels: f64, tx: f64, ty: f64) -> f64 {
-    (pixels / (12.0 * density * tx * ty) - 2.0 * radius * radius / 3.0).sqrt()
-}
-
 impl SeeParams {
     /// Parameters for a first scan with this point spacing, from the configuration and, where it leaves a zero, by the
     /// automatic rule. `None` when the density asks for fewer than 3 points per ball.
     pub fn resolve(config: &SeeConfig, scan: &[Point3<f64>], spacing: f64, working_distance: f64) -> Option<Self> {
-        let radius = if config.radius_m > 0.0 { config.radius_m } else { config.radius_in_spacings * spacing };
+        let radius = config.radius(spacing);
         let k = if config.density_per_m3 > 0.0 {
             ball_count(radius, config.density_per_m3).ceil()
         } else {

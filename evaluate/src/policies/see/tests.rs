@@ -151,6 +151,21 @@ fn unknown_poses_mean_no_answer() {
 }
 
 #[test]
+fn a_density_that_leaves_too_few_points_is_a_fault_and_a_sparse_first_scan_an_end() {
+    let ask = |points: Vec<Point3<f64>>, config: SeeConfig| {
+        let scanned = state(points, Point3::new(0.0, 0.0, 1.2));
+        let mut rng = geometry::rng::stream(0, "unused");
+        SeePlanner::new("see", config).rank_views(&scanned, &mut rng).expect_err("no view")
+    };
+    let error = ask(seen_from_above(), SeeConfig { density_per_m3: 1e3, ..SeeConfig::default() });
+    assert!(matches!(&error, PlanError::Failed { .. }) && !error.is_end(), "{error}");
+    let text = error.to_string();
+    assert!(text.contains("see.density_per_m3 = 1000 asks for fewer than 3 points per ball of 0.0092 m"), "{text}");
+    let error = ask(ball(5, |_| true), SeeConfig::default());
+    assert!(error.is_end() && error.to_string().contains("too sparse"), "{error}");
+}
+
+#[test]
 fn the_published_drive_looks_from_behind_first() {
     // The "sensor" at the centre turns all normals inwards.
     let cap = state(seen_from_above(), Point3::new(0.0, 0.0, 1.2));

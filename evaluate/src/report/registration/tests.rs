@@ -2,7 +2,6 @@ use super::*;
 use crate::metrics::tests::record;
 use crate::record::Timing;
 use datagen::RegistrationOutcome;
-use datagen::registration::Refused;
 
 fn view(left_mm: Option<f64>, lambda: f64) -> ViewRegistration {
     ViewRegistration {
@@ -43,6 +42,35 @@ fn rows_equal_what_is_counted_by_hand() {
     assert_eq!((row.refused_views, row.off_percent, row.lambda_median), (Some(0.5), Some(25.0), Some(5.0)));
     assert!((row.left_mm.unwrap() - 1.0).abs() < 1e-9 && (row.overlap_percent.unwrap() - 88.0 / 3.0).abs() < 1e-9);
     assert_eq!(row.coverage_after_5_percent, Some(80.0), "the last one where the episode ended before");
+}
+
+#[test]
+fn empty_scans_have_nothing_to_register_by() {
+    let over_scans = |contents: &Contents| {
+        let row = &rows(contents, &EvaluateConfig::default(), &["p".to_owned()])[0];
+        [row.overlap_percent, row.like_overlap_percent, row.lambda_median, row.expected_lambda_median]
+    };
+    let mut with_empty = contents();
+    let (record, _) = &mut with_empty.episodes[0];
+    let outcome = record.registration.as_mut().expect("registered");
+    for _ in 0..2 {
+        record.overlaps.push(None);
+        let refused = Some(Refused::Empty);
+        outcome.views.push(ViewRegistration { refused, like_overlap: 0.0, expected_lambda: 0.0, ..view(None, 0.0) });
+    }
+    assert_eq!(over_scans(&with_empty), over_scans(&contents()));
+}
+
+#[test]
+fn there_is_no_coverage_after_more_views_than_an_episode_has() {
+    let mut config = EvaluateConfig::default();
+    let after = |config: &EvaluateConfig| {
+        let row = &rows(&contents(), config, &["p".to_owned()])[0];
+        [row.coverage_after_5_percent, row.coverage_after_8_percent, row.coverage_after_15_percent]
+    };
+    assert_eq!(after(&config), [Some(80.0); 3]);
+    config.episode.num_views = 8;
+    assert_eq!(after(&config), [Some(80.0), Some(80.0), None]);
 }
 
 #[test]
