@@ -50,7 +50,7 @@ fn carry_out(object: u64, distance: f64, scans: usize, account: &mut Account) {
     }
     covered += add(&mut session, &pose);
     let answer = session.next_view().expect("an answer");
-    let plan = session.scan_plan(&answer, VIEWS).expect("a plan");
+    let plan = session.scan_plan(&answer, VIEWS, None).expect("a plan");
     let mut views: Vec<&PlannedView> = plan.views.iter().collect();
     views.sort_by_key(|view| view.chosen);
     for planned in views {

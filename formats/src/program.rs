@@ -16,12 +16,12 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tracing_subscriber::EnvFilter;
 
-/// The exit code of a run that was asked to stop and can be resumed.
+/// The exit code of a run that was asked to stop; what it had done is kept.
 pub const STOPPED: u8 = 130;
 
 /// What the exit codes mean, in every program; the end of every `--help`.
 pub const EXIT_CODES: &str = "Exit codes: 0 success; 1 error, one line on stderr; 2 invalid command line; 3 no view is \
-                              left (infer); 130 stopped by Ctrl-C or SIGTERM, resumable (datagen, train, evaluate).";
+                              left (infer); 130 stopped by Ctrl-C or SIGTERM, work so far is kept.";
 
 /// Threads per core that `--jobs` may ask for.
 const JOBS_PER_CORE: usize = 4;

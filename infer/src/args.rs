@@ -87,7 +87,9 @@ pub struct Args {
     #[arg(help_heading = SCANS, long, value_name = "FILE", conflicts_with_all = ["object", "intrinsics"])]
     pub camera: Option<String>,
     /// Pixels without a return: unknown or free (nothing there)
-    #[arg(help_heading = SCANS, long, value_name = "MEANING", value_parser = misses)]
+    ///
+    /// Those of depth images; what an organised cloud leaves out is always unknown.
+    #[arg(help_heading = SCANS, long, value_name = "MEANING", value_parser = misses, conflicts_with = "object")]
     pub misses: Option<NoReturn>,
     /// Unit of the clouds and of --from: m or mm [default: m]
     ///

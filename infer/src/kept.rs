@@ -63,8 +63,9 @@ fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, V
             Some(pose) => load::cloud_from(path, args.unit, pose)?,
             None => load::cloud(path, args.unit, given)?,
         };
-        let told = match (of_clouds.get(i), loaded.scan.camera_position(), loaded.reading.metres_per_unit) {
-            (Some(_), Some(from), Some(metres)) => Some(Origin::Point((from / metres).coords.into())),
+        let told = match (of_clouds.get(i), loaded.scan.camera_position()) {
+            // In the unit of --unit: one that the file names is that of its points alone.
+            (Some(_), Some(from)) => Some(Origin::Point((from / args.unit.unwrap_or_default().metres()).coords.into())),
             _ => given,
         };
         bodies.push((path.as_path(), cloud_body(path, args.unit, told, args.table_angle_deg.get(i).copied())?));

@@ -19,4 +19,4 @@ mod service;
 mod simulate;
 pub mod weights;
 
-pub use request::Unit;
+pub use request::{Unit, changed_settings};

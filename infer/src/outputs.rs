@@ -9,9 +9,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// One that would be written over an input or over another output, or is a directory.
 pub fn check(args: &Args) -> Result<()> {
-    let inputs = args.scan.iter().map(|path| ("--scan", path)).chain(args.depth.iter().map(|path| ("--depth", path)));
-    let inputs = inputs.chain(args.views_from.iter().map(|path| ("--views-from", path)));
-    let mut taken: Vec<(&str, PathBuf)> = inputs.map(|(flag, path)| (flag, place(path))).collect();
+    let mut taken: Vec<(&str, PathBuf)> = inputs(args).map(|(flag, path)| (flag, place(path))).collect();
     let outputs = [
         ("--report", &args.report),
         ("--plan", &args.plan),
@@ -32,6 +30,31 @@ pub fn check(args: &Args) -> Result<()> {
     Ok(())
 }
 
+/// The files that the command reads, with their flags.
+fn inputs(args: &Args) -> impl Iterator<Item = (&'static str, &Path)> {
+    let lists = [("--scan", &args.scan), ("--depth", &args.depth)];
+    let paths = [("--views-from", &args.views_from), ("--robot", &args.robot), ("--config", &args.common.config)];
+    let texts = [
+        ("--object", &args.object),
+        ("--camera", &args.camera),
+        ("--flange-from-camera", &args.flange_from_camera),
+        ("--camera-from-flange", &args.camera_from_flange),
+    ];
+    let texts = texts.into_iter().flat_map(|(flag, text)| text.iter().map(move |text| (flag, text)));
+    let texts = texts.chain(args.pose.iter().map(|text| ("--pose", text)));
+    lists
+        .into_iter()
+        .flat_map(|(flag, paths)| paths.iter().map(move |path| (flag, path.as_path())))
+        .chain(paths.into_iter().filter_map(|(flag, path)| Some((flag, path.as_deref()?))))
+        .chain(texts.filter_map(|(flag, text)| Some((flag, file(text)?))))
+}
+
+/// The file of FILE or FILE:NAME, where it is one and not numbers.
+fn file(text: &str) -> Option<&Path> {
+    let named = text.rsplit_once(':').map(|(file, _)| file);
+    std::iter::once(text).chain(named).map(Path::new).find(|path| path.is_file())
+}
+
 /// The same for every name of a file, whether it exists or not.
 fn place(path: &Path) -> PathBuf {
     let whole = || {
@@ -39,4 +62,43 @@ fn place(path: &Path) -> PathBuf {
         Some(folder.canonicalize().ok()?.join(path.file_name()?))
     };
     path.canonicalize().ok().or_else(whole).unwrap_or_else(|| path.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ffi::OsString;
+
+    #[test]
+    fn no_file_that_is_read_is_written_over() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("mine.ply");
+        std::fs::write(&path, "").expect("a file");
+        let mine = path.display().to_string();
+        let refused = |words: &str, output: &str| {
+            let words = words.replace("MINE", &mine);
+            let words = words.split(' ').chain([output, &mine]).map(OsString::from);
+            check(&Args::from_command_line(words).expect("flags")).map_err(|error| error.to_string())
+        };
+        for (words, flag) in [
+            ("infer --scan MINE", "--scan"),
+            ("infer --depth MINE --pose 0,0,0,0,0,0,1", "--depth"),
+            ("infer --depth d.png --pose MINE", "--pose"),
+            ("infer --depth d.png --pose MINE:0", "--pose"),
+            ("infer --depth d.png --camera MINE:cam1", "--camera"),
+            ("infer --scan a.ply --views-from MINE", "--views-from"),
+            ("infer --scan a.ply --config MINE", "--config"),
+            ("infer --scan a.ply --robot MINE --tool t", "--robot"),
+            ("infer --scan a.ply --robot u --tool t --flange-from-camera MINE", "--flange-from-camera"),
+            ("infer --scan a.ply --robot u --tool t --camera-from-flange MINE", "--camera-from-flange"),
+            ("infer --object MINE", "--object"),
+        ] {
+            for output in ["--mesh", "--cloud", "--ply", "--report"] {
+                let error = refused(words, output).expect_err(words);
+                assert!(error.contains(&format!("the file of {flag},")), "{words} {output}: {error}");
+            }
+        }
+        assert_eq!(refused("infer --object procedural:3", "--mesh"), Ok(()));
+        assert_eq!(refused("infer --depth d.png --pose 0,0,0,0,0,0,1", "--mesh"), Ok(()));
+    }
 }

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use planning::session::{PlannedView, ScanPlan};
-use planning::{Answer, Session};
+use planning::{Answer, PlannerName, Session};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::ops::RangeInclusive;
@@ -21,15 +21,21 @@ pub struct Planned<'a> {
 }
 
 impl<'a> Planned<'a> {
-    /// The plan of at most `most` views from the answer that `session` has just given.
+    /// The plan of at most `most` views from the answer that `session` has just given, for a camera that is at
+    /// `current_m`, where the request told.
     ///
     /// # Errors
     /// A number of views out of range.
-    pub fn new(session: &Session, answer: &'a Answer, most: usize) -> Result<Self, String> {
+    pub fn new(
+        session: &Session,
+        answer: &'a Answer,
+        most: usize,
+        current_m: Option<[f64; 3]>,
+    ) -> Result<Self, String> {
         if !VIEWS.contains(&most) {
             return Err(format!("plan_views: {most}, expected {} to {}", VIEWS.start(), VIEWS.end()));
         }
-        Ok(Self { answer, plan: session.scan_plan(answer, most) })
+        Ok(Self { answer, plan: session.scan_plan(answer, most, current_m) })
     }
 }
 
@@ -50,15 +56,25 @@ const COLUMNS: [&str; 13] = [
     "joints",
 ];
 
-/// Whether the name says a format.
+/// Whether the name says a format, and this planner may make a plan.
 ///
 /// # Errors
 /// It does not.
-pub fn check(path: &Path) -> Result<()> {
+pub fn check(path: &Path, planner: PlannerName) -> Result<()> {
     match ending(path).as_str() {
-        "json" | "yaml" | "yml" | "csv" => Ok(()),
+        "json" | "yaml" | "yml" | "csv" => {}
         found => bail!("--plan {path:?}: unknown extension .{found}, expected .json, .yaml or .csv"),
     }
+    match planner {
+        PlannerName::Auto | PlannerName::Volumetric => Ok(()),
+        PlannerName::BenbvNet | PlannerName::Farthest => bail!("{}", no_plan(path)),
+    }
+}
+
+fn no_plan(path: &Path) -> String {
+    format!(
+        "--plan {path:?}: only the planner volumetric predicts what several views see together; use --planner auto or volumetric"
+    )
 }
 
 /// Writes the plan.
@@ -66,11 +82,7 @@ pub fn check(path: &Path) -> Result<()> {
 /// # Errors
 /// A planner that does not make out what is missing; what the operating system refuses.
 pub fn write(path: &Path, plan: Option<&ScanPlan>) -> Result<()> {
-    let plan = plan.with_context(|| {
-        format!(
-            "--plan {path:?}: only the planner volumetric predicts what several views see together; use --planner auto or volumetric"
-        )
-    })?;
+    let plan = plan.with_context(|| no_plan(path))?;
     let views: Vec<Value> = plan.views.iter().map(view).collect();
     let text = match ending(path).as_str() {
         "csv" => csv(&views),

@@ -8,7 +8,7 @@ use crate::{check, frustums, http, kept, lines, outputs, plan, simulate, weights
 use anyhow::{Context, Result, bail};
 use formats::Flag;
 use formats::camera::read_camera;
-use formats::program::{CommonArgs, finish, misuse, print, print_line, stop_when_asked};
+use formats::program::{CommonArgs, STOPPED, finish, misuse, print, print_line, stop_when_asked};
 use formats::urdf::{UrdfArm, read_urdf};
 use geometry::Lens;
 use nalgebra::Isometry3;
@@ -51,7 +51,7 @@ fn run(args: &Args) -> Result<ExitCode> {
         bail!("ros2.KEY: settings of the node, which have no effect without --serve --ros2");
     }
     let Settings { session: config, at_a_distance } = settings(args, set)?;
-    args.plan.as_deref().map_or(Ok(()), plan::check)?;
+    args.plan.as_deref().map_or(Ok(()), |path| plan::check(path, config.planner))?;
     outputs::check(args)?;
     config.check()?;
     if config.robot.is_some() && !at_a_distance && args.views_from.is_none() {
@@ -71,6 +71,7 @@ fn run(args: &Args) -> Result<ExitCode> {
     if args.pose_error.is_some() && !args.serve && config.registration.register == Register::Off {
         misuse::<Args>("--pose-error has no effect without registration: add --register check or --register refine");
     }
+    let views = given_views(args, &config)?;
     let device = args.device.as_deref().unwrap_or(weights::CPU);
     let network = || weights::network(args.weights.as_deref(), device).map(Some);
     if args.serve {
@@ -97,14 +98,14 @@ fn run(args: &Args) -> Result<ExitCode> {
         let entry = service.first().map_err(anyhow::Error::from).with_context(place)?;
         let mut open = entry.open.blocking_lock();
         kept::add(&service, &entry, &mut open, &config, args)?;
-        return answer(open.session(), args);
+        return answer(open.session(), views, args);
     }
     if args.scan.is_empty() && args.depth.is_empty() {
         misuse::<Args>("nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve");
     }
     let mut session = Session::new(config.clone(), network()?)?;
     add_scans(&mut session, args)?;
-    answer(&mut session, args)
+    answer(&mut session, views, args)
 }
 
 /// The program of `--check-with`.
@@ -113,20 +114,25 @@ pub(crate) fn checked_by(args: &Args) -> Option<ViewCheck> {
     args.check_with.as_deref().map(|command| check::program(command, timeout))
 }
 
-/// The next view, printed and drawn.
-fn answer(session: &mut Session, args: &Args) -> Result<ExitCode> {
-    if let Some(path) = &args.views_from {
-        if session.config().turntable.as_ref().is_some_and(|table| table.cell_from_camera.is_some()) {
-            bail!("--views-from: turntable.cell_from_camera says that the camera is fixed; remove one of them");
-        }
-        session.set_given_views(load::poses(path)?);
+/// The poses of --views-from: read before a session keeps any scan, so that the command can be repeated where they cannot be used.
+fn given_views(args: &Args, config: &SessionConfig) -> Result<Option<Vec<Isometry3<f64>>>> {
+    let Some(path) = &args.views_from else { return Ok(None) };
+    if config.turntable.as_ref().is_some_and(|table| table.cell_from_camera.is_some()) {
+        bail!("--views-from: turntable.cell_from_camera says that the camera is fixed; remove one of them");
+    }
+    load::poses(path).map(Some)
+}
+
+/// The next view, among these if there are any, printed and drawn.
+fn answer(session: &mut Session, views: Option<Vec<Isometry3<f64>>>, args: &Args) -> Result<ExitCode> {
+    if let Some(views) = views {
+        session.set_given_views(views);
     }
     let answer = session.next_view_for(&Request { check: checked_by(args), ..Request::default() })?;
     if let Some(path) = &args.plan {
-        plan::write(path, session.scan_plan(&answer, args.plan_views).as_ref())?;
+        plan::write(path, session.scan_plan(&answer, args.plan_views, None).as_ref())?;
     }
-    let poses: Vec<_> = session.state().scans.iter().map(|s| s.world_from_camera).collect();
-    write_files(args, &names(args), session, &answer, &poses, &[])?;
+    write_files(args, &names(args), session, &answer, &[])?;
     if args.json {
         print_line(serde_json::to_string_pretty(&answer)?)?;
     } else {
@@ -265,7 +271,8 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
         let line = if args.json { serde_json::to_string(step).unwrap_or_default() } else { step_line(step) };
         failed = failed.take().or(print_line(line).err());
     };
-    let outcome = simulate::run(object, args, session, show)?;
+    let stop = stop_when_asked("stopping after this view; press again to stop immediately")?;
+    let outcome = simulate::run(object, args, session, stop, show)?;
     if let Some(error) = failed {
         return Err(error.into());
     }
@@ -278,13 +285,13 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
             within_reach.iter().try_for_each(|w| print_line(w.describe()))?;
         }
     }
-    write_files(args, object, &outcome.session, &outcome.last, &outcome.poses, &coverage)?;
+    write_files(args, object, &outcome.session, &outcome.last, &coverage)?;
     if let Some(directory) = &args.export_scans {
         let camera = outcome.session.config().camera.camera();
         let commands = simulate::export_scans(directory, object, &outcome, &camera)?;
         print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?;
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(if outcome.stopped { ExitCode::from(STOPPED) } else { ExitCode::SUCCESS })
 }
 
 fn step_line(step: &simulate::Step) -> String {
@@ -301,14 +308,7 @@ fn step_line(step: &simulate::Step) -> String {
     )
 }
 
-fn write_files(
-    args: &Args,
-    title: &str,
-    session: &Session,
-    answer: &Answer,
-    past: &[Isometry3<f64>],
-    coverage: &[f64],
-) -> Result<()> {
+fn write_files(args: &Args, title: &str, session: &Session, answer: &Answer, coverage: &[f64]) -> Result<()> {
     if let Some(path) = &args.ply {
         frustums::write(path, session, answer)?;
     }
@@ -319,7 +319,7 @@ fn write_files(
         formats::mesh::write_surface(path, &session.mesh())?;
     }
     if let Some(path) = &args.report {
-        let input = ReportInput { title, session, past, coverage };
+        let input = ReportInput { title, session, coverage };
         formats::run::atomic_write(path, report_html(answer, &input).as_bytes())?;
     }
     Ok(())

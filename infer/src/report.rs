@@ -5,9 +5,9 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use formats::html::{VIEWER, escape};
 use geometry::{BoundaryConfig, NeighborGrid, boundary_points};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use planning::pose::Pose;
-use planning::{Answer, Seen, Session};
+use planning::{Answer, ScanState, Seen, Session};
 use serde_json::json;
 
 /// What the page shows beside the answer.
@@ -17,8 +17,6 @@ pub struct ReportInput<'a> {
     pub title: &'a str,
     /// What was planned on.
     pub session: &'a Session,
-    /// Poses of the past scans (`world_from_camera`), where known.
-    pub past: &'a [Isometry3<f64>],
     /// Coverage after each view, in [0, 1], where there is ground truth (closed loop in the simulator).
     pub coverage: &'a [f64],
 }
@@ -71,8 +69,14 @@ fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
             })
         })
         .collect();
-    let past: Vec<_> = input.past.iter().map(|pose| json!({ "pose": Pose::from(pose).matrix })).collect();
-    let camera = &input.session.state().camera;
+    let state = input.session.state();
+    let past: Vec<_> = state
+        .scans
+        .iter()
+        .zip(before(state))
+        .map(|(camera, scan)| json!({ "pose": Pose::from(&camera.world_from_camera).matrix, "scan": scan }))
+        .collect();
+    let camera = &state.camera;
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let corner = |x: f64, y: f64| camera.unproject(x, y, 1.0);
     let (first, last): (Point3<f64>, Point3<f64>) = (corner(0.0, 0.0), corner(width, height));
@@ -91,12 +95,25 @@ fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
     })
 }
 
+/// For each camera of the state the number of scans before the one that it is of: a line scan has several, a merged cloud too.
+fn before(state: &ScanState) -> Vec<usize> {
+    let numbers: Vec<usize> = (0..state.scans.len()).map(|k| state.number(k)).collect();
+    let mut scans = numbers.clone();
+    scans.sort_unstable();
+    scans.dedup();
+    numbers.iter().map(|number| scans.partition_point(|scan| scan < number)).collect()
+}
+
 /// For each point of the cloud the first scan, from 0, that measured something there.
 fn first_scans(session: &Session) -> Vec<u8> {
     let (state, cloud) = (session.state(), session.cloud());
     let reach = 0.75 * state.grid_size;
     let mut first = vec![None; cloud.len()];
-    for (k, scan) in state.scans.iter().enumerate().take(usize::from(u8::MAX)) {
+    let mut scans: Vec<_> = before(state).into_iter().zip(&state.scans).collect();
+    // One that was kept aside comes after later ones.
+    scans.sort_by_key(|(k, _)| *k);
+    for (k, scan) in scans {
+        let Ok(k) = u8::try_from(k) else { break };
         let measured = match &scan.seen {
             Seen::Depth { camera, depth, .. } => &depth.to_points(camera, &scan.world_from_camera),
             Seen::Points(points) => points,
@@ -106,7 +123,7 @@ fn first_scans(session: &Session) -> Vec<u8> {
         }
         let near = NeighborGrid::new(measured, reach);
         for (first, p) in first.iter_mut().zip(&cloud.points).filter(|(first, _)| first.is_none()) {
-            *first = near.any_within(p, reach).then_some(k as u8);
+            *first = near.any_within(p, reach).then_some(k);
         }
     }
     first.into_iter().map(|k| k.unwrap_or_default()).collect()

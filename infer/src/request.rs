@@ -7,7 +7,7 @@ pub use scan::{Unit, cloud_body};
 use crate::load::Loaded;
 use crate::service::{BoundedJson, Method, OnDeadline, Refusal, Written};
 use formats::config::overlaid;
-use planning::{NoReturn, SessionConfig};
+use planning::SessionConfig;
 use scan::ScanRequest;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -71,12 +71,13 @@ impl<'a> Body<'a> {
 pub enum Ask {
     /// A new session.
     Create(CreateRequest),
-    /// One more scan; what the misses of a depth image mean is the session's setting where `misses` is not.
+    /// One more scan.
     AddScan {
         /// The scan, as it was read.
         scan: Box<Loaded>,
-        /// As given.
-        misses: Option<NoReturn>,
+        /// A depth image that leaves it to the session's settings what its misses mean. Those of an organised cloud are unknown, whatever
+        /// the settings.
+        misses_by_settings: bool,
         /// As given.
         deadline_ms: Option<u64>,
         /// As it came, where it is to be kept on disk.
@@ -120,10 +121,10 @@ impl Ask {
                     Body::Whole(bytes) => Written { line: false, bytes: bytes.to_vec() },
                     Body::Line(bytes) => Written { line: true, bytes: bytes.to_vec() },
                 });
-                let misses = request.depth.as_ref().and_then(|d| d.0.misses);
+                let misses_by_settings = request.depth.as_ref().is_some_and(|d| d.0.misses.is_none());
                 let deadline_ms = request.deadline_ms;
                 let scan = Box::new(request.into_scan(may_read_files)?);
-                Ok(Self::AddScan { scan, misses, deadline_ms, written })
+                Ok(Self::AddScan { scan, misses_by_settings, deadline_ms, written })
             }
             Method::Undo => nothing(Self::Undo),
             Method::Reset => nothing(Self::Reset),
@@ -169,9 +170,22 @@ pub fn over(base: &SessionConfig, changes: Option<BoundedJson>) -> Result<Sessio
     match changes {
         None | Some(BoundedJson(Value::Null)) => Ok(base.clone()),
         Some(BoundedJson(changes)) => {
-            overlaid(base, changes, "config").map_err(|message| Refusal::new(400, "bad_config", message))
+            changed_settings(base, changes).map_err(|message| Refusal::new(400, "bad_config", message))
         }
     }
+}
+
+/// `base` with changes laid over it: JSON with tables for tables. A working distance replaces a range of them that was set before.
+///
+/// # Errors
+/// An unknown key or a wrong type, by name.
+pub fn changed_settings(base: &SessionConfig, changes: Value) -> Result<SessionConfig, String> {
+    let is_fixed = changes.get("working_distance_m").is_some() && changes.get("working_distance_range_m").is_none();
+    let mut config = overlaid(base, changes, "config")?;
+    if is_fixed {
+        config.working_distance_range_m = None;
+    }
+    Ok(config)
 }
 
 /// What may change from view to view.
@@ -190,4 +204,24 @@ pub struct NextRequest {
     pub check: bool,
     /// Plan so many views at once beside the next one.
     pub plan_views: Option<usize>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_working_distance_replaces_a_range_and_only_that() {
+        let base = SessionConfig { working_distance_range_m: Some([0.6, 1.2]), ..SessionConfig::default() };
+        let distances = |changes: Value| {
+            over(&base, Some(BoundedJson(changes))).map(|config| config.working_distances()).map_err(|e| e.code)
+        };
+        assert_eq!(distances(json!({ "working_distance_m": 0.5 })), Ok(vec![0.5]));
+        assert_eq!(distances(json!({ "stop_below": 0.1 })), Ok(base.working_distances()));
+        let both =
+            json!({ "working_distance_m": 0.5, "working_distance_range_m": [0.4, 0.8], "working_distance_steps": 2 });
+        assert_eq!(distances(both), Ok(vec![0.4, 0.8]));
+        assert_eq!(distances(json!({ "working_distance_m": null })), Err("bad_config"));
+    }
 }

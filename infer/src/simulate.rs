@@ -18,6 +18,7 @@ use planning::{Answer, Candidate, PlanError, RankedView, Reached, Session, Suppo
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 pub use cell::WithinReach;
 
@@ -63,12 +64,20 @@ pub struct Outcome {
     pub poses: Vec<Isometry3<f64>>,
     /// Why it ended.
     pub ended: String,
+    /// Whether that is because it was asked to.
+    pub stopped: bool,
     /// What a cell with limits lets the camera see; `None` without limits.
     pub within_reach: Option<WithinReach>,
 }
 
-/// Scans the object until `views` next views are done, none is left, or none is worth it. Shows each step.
-pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&Step)) -> Result<Outcome> {
+/// Scans the object until `views` next views are done, none is left, none is worth it, or `stop` is set. Shows each step.
+pub fn run(
+    object: &str,
+    args: &Args,
+    session: Session,
+    stop: &AtomicBool,
+    mut show: impl FnMut(&Step),
+) -> Result<Outcome> {
     let mesh = object_mesh(object)?.normalized(DIAGONAL);
     let settings = session.config();
     let seed = settings.seed;
@@ -122,7 +131,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
         })?;
         let allowed = answer.candidates.iter().filter(|c| c.objections.is_empty());
         let mut ranked: Vec<RankedView> = allowed.map(ranked).collect();
-        if answer.stop.stop {
+        if answer.stop.stop || stop.load(Ordering::SeqCst) {
             ranked.clear();
         }
         answers.push(answer);
@@ -137,10 +146,13 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
         (Err(_), Some(error)) => return Err(error.into()),
         (Err(error), None) => return Err(anyhow::Error::new(error).context(object.to_owned())),
     };
+    let mut stopped = false;
     let (last, ended) = match episode.end {
         End::NoView => {
             let last = answers.pop().context("no view was decided")?;
+            stopped = last.next.is_some() && !last.stop.stop;
             let ended = match &last.next {
+                Some(_) if stopped => "stopped as asked".to_owned(),
                 None => format!("no view is left: {}", last.no_view_reason()),
                 Some(_) => format!(
                     "the next view is expected to add only {:.2} %",
@@ -157,7 +169,7 @@ pub fn run(object: &str, args: &Args, session: Session, mut show: impl FnMut(&St
     };
     let poses = episode.views.iter().map(View::world_from_camera).collect();
     let within_reach = cell::within_reach(&scene, &samples, &setting, &session, &episode.cloud.points);
-    Ok(Outcome { session, last, steps, poses, ended, within_reach })
+    Ok(Outcome { session, last, steps, poses, ended, stopped, within_reach })
 }
 
 fn ranked(candidate: &Candidate) -> RankedView {

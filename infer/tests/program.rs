@@ -52,6 +52,31 @@ fn the_network_runs_on_the_device_that_is_named() {
     assert!(code == Some(2) && error.contains("--device selects the network's"), "{error}");
 }
 
+#[cfg(unix)]
+#[test]
+fn a_closed_loop_that_is_asked_to_stop_leaves_its_report() {
+    use std::io::{BufRead, BufReader, Read};
+    let folder = tempfile::tempdir().expect("a folder");
+    let report = folder.path().join("loop.html");
+    let mut process = Command::new(env!("CARGO_BIN_EXE_infer"))
+        .args(["--object", "procedural:3", "--views", "500", "--set", "stop_below=0", "--report"])
+        .arg(&report)
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .expect("infer starts");
+    let mut output = BufReader::new(process.stdout.take().expect("piped"));
+    let mut text = String::new();
+    output.read_line(&mut text).expect("the first view");
+    assert!(text.starts_with("view  1"), "{text}");
+    let asked = Command::new("kill").args(["-TERM", &process.id().to_string()]).status();
+    assert!(asked.is_ok_and(|status| status.success()), "kill runs");
+    output.read_to_string(&mut text).expect("the rest");
+    assert_eq!(process.wait().expect("ends").code(), Some(130), "{text}");
+    assert!(text.contains("ended: stopped as asked"), "{text}");
+    assert!(std::fs::read_to_string(&report).is_ok_and(|page| page.len() > 10_000));
+}
+
 #[test]
 fn a_session_goes_on_from_command_to_command() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -76,6 +101,73 @@ fn a_session_goes_on_from_command_to_command() {
     let after = run(&["--json"]);
     let after: serde_json::Value = serde_json::from_slice(&after.stdout).expect("an answer");
     assert_eq!(after["cloud"]["scans"], 2, "none is added where one cannot be read");
+}
+
+#[test]
+fn a_command_that_cannot_plan_adds_no_scan_to_its_session() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (session, cell, poses, plan) = (at("part"), at("cell.toml"), at("poses.txt"), at("plan.csv"));
+    answer(&["--session", &session, "--from", "0.0762,-0.5734,1.0514"], &["scan1.ply"]);
+    let pose = "[[0.0, 0.5, -0.866, 0.78], [1.0, 0.0, 0.0, 0.0], [0.0, -0.866, -0.5, 0.45], [0.0, 0.0, 0.0, 1.0]]";
+    let table = format!("[turntable]\nrange_deg = [0.0, 360.0]\nstep_deg = 45.0\ncell_from_camera = {pose}\n");
+    std::fs::write(&cell, table).expect("written");
+    std::fs::write(&poses, "1 0 0 0\n0 1 0 0\n0 0 1 -1\n0 0 0 1\n").expect("written");
+    let run = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_infer"));
+        command.args(["--session", &session]).args(arguments).output().expect("runs")
+    };
+    let scan = sample("scan2.ply").display().to_string();
+    let missing = at("missing.txt");
+    for (arguments, said) in [
+        (vec!["--views-from", &missing], "missing.txt"),
+        (vec!["--views-from", &poses, "--config", &cell], "the camera is fixed"),
+        (vec!["--plan", &plan, "--planner", "farthest"], "--planner auto or volumetric"),
+    ] {
+        let output = run(&[&["--scan", &scan, "--from", "0.5046,-0.6854,-0.8223"][..], &arguments].concat());
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && error.contains(said), "{arguments:?}: {error}");
+        let after: serde_json::Value = serde_json::from_slice(&run(&["--json"]).stdout).expect("an answer");
+        assert_eq!(after["cloud"]["scans"], 1, "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_session_takes_a_pose_in_metres_beside_a_cloud_that_names_its_unit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (session, cloud) = (at("part"), at("millimetres.xyz"));
+    let points = formats::cloud::read_cloud(&sample("scan1.ply")).expect("a cloud").cloud.points;
+    let rows = points.iter().map(|p| format!("{} {} {}\n", 1000.0 * p.x, 1000.0 * p.y, 1000.0 * p.z));
+    std::fs::write(&cloud, "x[mm] y[mm] z[mm]\n".to_owned() + &rows.collect::<String>()).expect("written");
+    let position = nalgebra::Point3::new(0.0762, -0.5734, 1.0514);
+    let view = geometry::View { target: nalgebra::Point3::origin(), position }.world_from_camera();
+    let q = view.rotation.coords;
+    let pose = format!("0.0762,-0.5734,1.0514,{},{},{},{}", q.x, q.y, q.z, q.w);
+    let once = answer(&["--pose", &pose], &[&cloud]);
+    assert_eq!(once["evidence"], "camera_positions", "{once}");
+    let kept = answer(&["--session", &session, "--pose", &pose], &[&cloud]);
+    assert_eq!((&kept["evidence"], &kept["candidates"]), (&once["evidence"], &once["candidates"]));
+}
+
+#[test]
+fn what_an_organised_cloud_leaves_out_is_unknown_on_every_way_in() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (session, cloud) = (at("part"), at("organised.pcd"));
+    // A shallow bowl, seen by a pinhole camera from where its numbers begin; around it there is nothing.
+    let row = |i: u32| {
+        let (x, y) = ((f64::from(i % 64) - 31.5) / 55.0, (f64::from(i / 64) - 23.5) / 55.0);
+        let z = 0.6 + 0.1 * (x * x + y * y);
+        if x.hypot(y) < 0.3 { format!("{} {} {z}\n", x * z, y * z) } else { "nan nan nan\n".to_owned() }
+    };
+    let head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 64\nHEIGHT 48\n\
+                VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3072\nDATA ascii\n";
+    std::fs::write(&cloud, head.to_owned() + &(0..64 * 48).map(row).collect::<String>()).expect("written");
+    let once = answer(&["--misses", "free"], &[&cloud]);
+    assert_eq!(once["evidence"], "depth", "{once}");
+    let kept = answer(&["--session", &session, "--misses", "free"], &[&cloud]);
+    assert_eq!((&kept["evidence"], &kept["candidates"]), (&once["evidence"], &once["candidates"]));
 }
 
 #[test]

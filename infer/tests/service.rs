@@ -260,6 +260,8 @@ fn sessions_survive_a_sudden_end() {
     let (status, answer) = server.ask("POST", &format!("/sessions/{id}/next"), "{}");
     let message = answer["error"]["message"].as_str().unwrap_or_default();
     assert!(status == 500 && message.contains("scan-0002"), "{answer}");
+    let (_, list) = server.ask("GET", "/sessions", "");
+    assert_eq!((&list["open"][0]["session"], &list["open"][0]["scans"]), (&json!(id), &json!(2)), "as on disk: {list}");
     assert_eq!(server.ask("POST", &format!("/sessions/{other}/scans"), &sheet(30)).0, 200, "others are not affected");
     assert_eq!(server.ask("DELETE", &format!("/sessions/{id}"), "").0, 200, "the way out");
 }

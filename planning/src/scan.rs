@@ -194,6 +194,8 @@ pub(crate) struct PreparedScan {
     /// Which scan of the session it is, from 1, and the one with which it was merged: a later one if it had to wait.
     pub number: usize,
     pub merged_with: usize,
+    /// Whether what the object stands on was found in it.
+    pub shows_support: bool,
     pub report: ScanReport,
     pub reading: Reading,
 }
@@ -361,6 +363,7 @@ pub(crate) fn prepare(
             adjusted: Vec::new(),
             number: 0,
             merged_with: 0,
+            shows_support: false,
             report,
             reading: Reading::default(),
         },

@@ -204,9 +204,10 @@ impl Session {
         let scan = self.on_table(scan, &reading)?;
         let least = self.config.min_points;
         let refused = |refusal| SessionError::refused(refusal, least, &reading);
-        let support = self.support.or_else(|| self.find_support(&scan));
+        let found = self.support.is_none().then(|| self.find_support(&scan)).flatten();
+        let support = self.support.or(found);
         let (mut prepared, near) = prepare(scan, &self.config, support.as_ref(), budget).map_err(refused)?;
-        prepared.reading = reading;
+        (prepared.reading, prepared.shows_support) = (reading, found.is_some());
         let number = self.num_scans() + 1;
         (prepared.number, prepared.merged_with) = (number, number);
         let merges = self.register(&mut prepared)?;
@@ -285,7 +286,7 @@ impl Session {
             return Err(SessionError::NoScan);
         }
         self.compare_scans();
-        let current = request.current_position_m.map(Point3::from).or_else(|| self.camera_now());
+        let current = self.camera_now(request.current_position_m);
         if self.config.constraints.needs_current_position() && current.is_none() {
             return Err(SessionError::NoCurrentPosition);
         }

@@ -109,6 +109,10 @@ pub fn benchmark(
     let changes = serde_json::from_str(changes).map_err(|e| value(format!("config: {e}")))?;
     let mut config = overlaid(&base, changes, "config").map_err(Fault::Value)?;
     config.policies = entrants.iter().map(|e| e.name.clone()).collect();
+    // Own policies are often run without `benbv`, the default.
+    if let (false, Some(first)) = (config.policies.contains(&config.baseline), config.policies.first()) {
+        config.baseline.clone_from(first);
+    }
     config.validate().map_err(value)?;
     let allowed = Duration::try_from_secs_f64(decision_s).map_err(|_| value(format!("decision_s: {decision_s}")))?;
     let networks = Networks::new(&config);

@@ -2,8 +2,9 @@
 
 use crate::arrays;
 use crate::fault::{Fault, guarded, internal};
-use formats::config::{load, overlaid};
+use formats::config::load;
 use geometry::{Lens, PointCloud};
+use infer::changed_settings;
 use infer::load::{DepthCamera, Loaded, Origin};
 use infer::plan::Planned;
 use nalgebra::Isometry3;
@@ -32,7 +33,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub fn settings(file: Option<&Path>, changes: &str) -> Result<SessionConfig, Fault> {
     let base: SessionConfig = load(file, &[], &[]).map_err(anyhow::Error::from)?;
     let changes = serde_json::from_str(changes).map_err(|e| Fault::Value(format!("config: {e}")))?;
-    overlaid(&base, changes, "config").map_err(Fault::Value)
+    changed_settings(&base, changes).map_err(Fault::Value)
 }
 
 fn misses(text: Option<&str>, usual: NoReturn) -> Result<NoReturn, Fault> {
@@ -265,7 +266,9 @@ impl RobotSession {
             let answer = answer?;
             let text = match plan_views {
                 None => as_json(&answer)?,
-                Some(most) => as_json(&Planned::new(session, &answer, most).map_err(Fault::Value)?)?,
+                Some(most) => {
+                    as_json(&Planned::new(session, &answer, most, current_position_m).map_err(Fault::Value)?)?
+                }
             };
             Ok((text, answer.next.is_none().then(|| answer.no_view_reason())))
         })
@@ -274,7 +277,7 @@ impl RobotSession {
     fn configure(&self, py: Python<'_>, changes: &str) -> PyResult<()> {
         self.work(py, |session| {
             let changes = serde_json::from_str(changes).map_err(|e| Fault::Value(format!("config: {e}")))?;
-            let config = overlaid(session.config(), changes, "config").map_err(Fault::Value)?;
+            let config = changed_settings(session.config(), changes).map_err(Fault::Value)?;
             Ok(session.configure(config)?)
         })
     }

@@ -197,6 +197,35 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_call_goes_on(tmp_path):
     assert Slow.calls == 120, "no episode was run twice"
 
 
+def test_settings_hold_where_no_argument_says_otherwise(tmp_path):
+    settings = {**FAST, "episodes": 1, "seed": 7, "baseline": "random-sphere", "dataset": {"name": "procedural", "objects": 2}}
+    file = tmp_path / "evaluate.toml"
+    file.write_text(
+        "surface_samples = 6000\nresamples = 50\nepisodes = 1\nseed = 7\nbaseline = 'random-sphere'\n"
+        "dataset = { name = 'procedural', objects = 2 }\n"
+        "[episode]\nnum_views = 3\nimage = { width = 320, height = 180, fov_y_deg = 20.0 }\n"
+    )
+    asked = evaluate(["farthest", "random-sphere"], episodes=1, seed=7, baseline="random-sphere")
+    for config in (settings, file):
+        report = benbv.evaluate(["farthest", "random-sphere"], config=config)
+        assert report.episodes == asked.episodes and len(report.episodes) == 4
+        assert [(r["policy"], r["baseline"]) for r in report.paired] == [("farthest", "random-sphere")]
+    other = benbv.evaluate(["farthest", "random-sphere"], 1, 2, seed=8, baseline="farthest", config=settings)
+    assert len(other.episodes) == 4 and other.episodes[0]["views"] != asked.episodes[0]["views"]
+    assert {r["baseline"] for r in other.paired} == {"farthest"}
+
+
+def test_without_settings_there_are_five_objects_and_five_episodes():
+    report = benbv.evaluate(["farthest"], config=FAST)
+    runs = report.episodes + report.skipped
+    assert len(runs) == 25 and len({run["object"] for run in runs}) == 5
+
+
+def test_without_the_usual_baseline_the_first_policy_is_compared_with():
+    report = evaluate({"mine": LargestUnseen(), "farthest": "farthest"})
+    assert [(r["policy"], r["baseline"]) for r in report.paired] == [("farthest", "mine")]
+
+
 def test_what_is_asked_must_make_sense(tmp_path):
     with pytest.raises(ValueError, match='"benbv" is already the name of a policy'):
         evaluate({"benbv": LargestUnseen()})
@@ -210,6 +239,8 @@ def test_what_is_asked_must_make_sense(tmp_path):
         evaluate({"mine": 3})
     with pytest.raises(ValueError, match="policies: none"):
         evaluate({})
+    with pytest.raises(ValueError, match="baseline: 'benbv' is not among the policies, expected one of farthest"):
+        evaluate(["farthest"], baseline="benbv")
     with pytest.raises(ValueError, match="episodes = 0: expected"):
         evaluate(["farthest"], episodes=0)
     with pytest.raises(ValueError, match="unknown field `epsiode`"):

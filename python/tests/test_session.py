@@ -228,38 +228,33 @@ def test_a_scan_on_a_turntable_is_brought_into_the_frame_of_the_object(sheet, tm
     assert benbv.Session.load(tmp_path / "kept.npz").next_view() == session.next_view()
 
 
-def test_sessions_are_saved_and_loaded(sheet, tmp_path):
-    session = benbv.Session(0.8, config={"stop_below": 0.02})
-    session.add_points(sheet.astype(np.float32), origin=(0.06, 0.06, 0.8), normals=np.tile([0.1, 0.2, 0.97], (900, 1)))
-    session.add_file(SCANS[0], origin=FROM[0], unit="m")
-    session.configure(working_distance_m=0.9)
-    depth = benbv.read_depth(SAMPLES / "depth3.png")
-    (pose,) = benbv.read_poses(SAMPLES / "depth3.json")
-    session.add_depth(depth, [514.1, 514.1, 640, 360], pose, misses="free")
-    path = tmp_path / "part.npz"
-    session.save(path)
-    again = benbv.Session.load(path)
-    assert len(again) == 3 and again.config == session.config
-    assert again.next_view() == session.next_view()
-    assert again.undo() and session.undo() and again.next_view() == session.next_view()
-    stops = [benbv.look_at((0, 0, 1), (0, 0, 0)), benbv.look_at((1, 0, 0), (0, 0, 0))]
-    given = benbv.Session.load(path)
-    given.set_given_views(stops)
-    given.save(path)
-    assert benbv.Session.load(path).next_view() == given.next_view()
-    assert len(given.next_view().candidates) == 2
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["part.npz"], "nothing is left behind"
-    with pytest.raises(FileNotFoundError):
-        benbv.Session.load(tmp_path / "none.npz")
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    broken = tmp_path / "broken.npz"
-    broken.write_bytes(content)
-    with pytest.raises(ValueError, match="broken.npz: no session that was saved here, or damaged"):
-        benbv.Session.load(broken)
-    broken.write_bytes(b"nothing")
-    with pytest.raises(ValueError, match="broken.npz"):
-        benbv.Session.load(broken)
+def test_with_a_turntable_a_view_has_its_stop_and_the_pose_there(sheet):
+    session = benbv.Session(0.8, config={"turntable": {"stops_deg": [90], "axis_point_m": [0.06, 0.06, 0]}})
+    session.add_points(sheet, origin=(0.06, 0.06, 0.8), table_angle_deg=90)
+    view = session.next_view()
+    # A quarter turn about the middle of the sheet.
+    cell_from_object = [[0, -1, 0, 0.12], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    for candidate in (view.next, *view.candidates):
+        assert candidate.table.stop_deg == 90 and candidate.reached is None
+        pose = cell_from_object @ candidate.world_from_camera
+        np.testing.assert_allclose(candidate.table.cell_from_camera, pose, atol=1e-9)
+    free = benbv.Session(0.8)
+    free.add_points(sheet, origin=(0.06, 0.06, 0.8))
+    assert free.next_view().next.table is None
+
+
+def test_one_working_distance_replaces_a_range(sheet, tmp_path):
+    cell = tmp_path / "cell.toml"
+    cell.write_text("working_distance_range_m = [0.6, 0.9]\n")
+    assert benbv.Session(config=cell).config["working_distance_range_m"] == [0.6, 0.9]
+    for config in (cell, {"working_distance_range_m": [0.6, 0.9]}):
+        session = benbv.Session(0.35, config=config)
+        assert (session.config["working_distance_m"], session.config["working_distance_range_m"]) == (0.35, None)
+    session.configure(working_distance_m=0.4, working_distance_range_m=[0.6, 0.9])
+    assert session.config["working_distance_range_m"] == [0.6, 0.9]
+    session.configure(working_distance_m=0.5)
+    session.add_points(sheet, origin=(0.06, 0.06, 0.8))
+    assert {c.working_distance for c in session.next_view().candidates} == {0.5}
 
 
 def test_a_lens_is_undone_on_reading():
@@ -309,7 +304,12 @@ def test_an_arm_and_a_calibration_are_read_as_by_infer(tmp_path):
     session.add_file(SCANS[0], origin=FROM[0])
     flags = ["--robot", urdf, "--tool", "tool0", "--flange-from-camera", "0,0.05,0.03,0,0,0,1", "--distance", 0.5]
     scan = ["--scan", SCANS[0], "--from", words(FROM[0])]
-    assert session.next_view().raw == infer(*scan, *flags, "--set", f"robot.cell_from_base={base}")
+    view = session.next_view()
+    assert view.raw == infer(*scan, *flags, "--set", f"robot.cell_from_base={base}")
+    told = view.raw["next"]["reached"]
+    assert view.next.reached.joints == {joint["name"]: joint["value"] for joint in told["joints"]}
+    assert len(view.next.reached.joints) == 6 and view.next.reached.travel == told["travel"]
+    assert all((c.reached is None) == bool(c.objections) for c in view.candidates)
     with pytest.raises(ValueError, match="flange"):
         benbv.read_arm(urdf, "flange_of_another")
 

@@ -307,8 +307,14 @@ def test_an_organised_cloud_is_evidence_like_a_depth_image(robot, node):
 def test_parameters(robot):
     assert not robot.parameter("base_frame", "elsewhere").successful
     assert "not JSON" in robot.parameter("config", "{").reason
-    assert robot.parameter("config", '{"working_distance_m": 0.45}').successful
+    assert "unknown field `working_distance`" in robot.parameter("config", '{"working_distance": 0.45}').reason
+    assert robot.parameter("config", '{"stop_below": 7}').successful
     send(robot, cloud(in_camera(scene(1000, CAMERA))))
+    assert "bad_config: stop_below = 7: expected a share from 0 to 1" in robot.refusal()
+    # Settings hold for the scan of the same plan.
+    assert robot.parameter("config", '{"min_points": 2000}').successful
+    assert "too_few_points" in robot.refusal()
+    assert robot.parameter("config", '{"working_distance_m": 0.45, "min_points": 30}').successful
     view = robot.plan()["next"]
     assert abs(np.linalg.norm(np.subtract(view["position_m"], view["target_m"])) - 0.45) < 1e-9
     assert robot.parameter("config", '{"working_distance_m": 0.6}').successful

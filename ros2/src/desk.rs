@@ -4,11 +4,11 @@ use crate::answer::{Used, candidates, next_view, report};
 use crate::inbox::{Inbox, Measurement, Ready};
 use crate::markers::{Known, markers};
 use crate::messages::{Header, MarkerArray, PoseArray, PoseStamped, TriggerResponse};
-use crate::planner::{Ask, Planner, Refused, ScanRequest};
+use crate::planner::{Ask, Planner, Refused, ScanRequest, SessionInfo};
 use crate::{MessageError, Ros2Config, cloud, image};
 use planning::Answer;
 use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::sync::atomic::AtomicBool;
 
 /// What is to be published after `plan`.
@@ -23,10 +23,10 @@ pub struct Published {
 }
 
 /// What happens between one request and the next.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pending {
-    /// A scan was added, and no view was had for it: the next `plan` takes no other first.
-    scan_without_view: bool,
+    /// A scan was added, and no view was had for it: the next `plan` takes no other first, as long as the session is still this one.
+    scan_without_view: Option<SessionInfo>,
 }
 
 /// Where requests are done.
@@ -81,26 +81,26 @@ impl Desk<'_> {
         pending: &mut Pending,
     ) -> Result<(String, Published), Refused> {
         let mut notes = Vec::new();
-        let used = match pending.scan_without_view {
-            true => None,
-            false => Some(self.add_scan(config, &mut notes)?),
-        };
-        pending.scan_without_view = true;
-        let mut request = json!({});
         if !changes.trim().is_empty() {
-            request["config"] = serde_json::from_str(changes).map_err(|e| Refused {
-                code: "bad_config".to_owned(),
-                message: format!("the parameter config is not JSON: {e}"),
-            })?;
+            // Before the scan: they may decide whether it is taken, and what of it.
+            self.planner.ask(Ask::Configure, changes.as_bytes())?;
         }
-        let body = self.planner.ask(Ask::NextView, request.to_string().as_bytes()).map_err(|why| {
+        let session = self.planner.session()?;
+        // Over HTTP, scans may have been taken back or added meanwhile.
+        pending.scan_without_view = pending.scan_without_view.take().filter(|then| *then == session);
+        let used = match pending.scan_without_view {
+            Some(_) => None,
+            None => Some(self.add_scan(config, &mut notes)?),
+        };
+        pending.scan_without_view = Some(self.planner.session()?);
+        let body = self.planner.ask(Ask::NextView, b"").map_err(|why| {
             let added = if used.is_some() { "the scan was added, but planning failed (plan again): " } else { "" };
             Refused { message: format!("{added}{}", why.message), ..why }
         })?;
         let answer: Answer = serde_json::from_slice(&body).map_err(|e| unreadable(&e))?;
         let known: Known = serde_json::from_slice(&self.planner.ask(Ask::Export, b"")?).map_err(|e| unreadable(&e))?;
         let session = self.planner.session()?;
-        pending.scan_without_view = false;
+        *pending = Pending::default();
         let published = Published {
             next_view: next_view(&answer, header),
             candidates: candidates(&answer, header),

@@ -5,6 +5,8 @@ use serde::Serialize;
 /// What can be asked of the session; the bodies are those of `docs/openapi.yaml`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ask {
+    /// Settings to change, from the next scan on, in an object like `config` of the next view, with which alone HTTP changes them.
+    Configure,
     /// One more scan.
     AddScan,
     /// The next view.

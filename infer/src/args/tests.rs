@@ -34,6 +34,7 @@ fn flags_that_do_nothing_are_refused() {
         ("--scan a --intrinsics 1,1,1,1", "--depth"),
         ("--depth d --from 1,2,3", "--scan"),
         ("--object m --unit mm", "--unit"),
+        ("--object m --misses free", "--misses"),
         ("--scan a --stop-below 2", "share from 0 to 1"),
         ("--scan a --distance -1", "length above 0"),
         ("--scan a --seed -1", "whole number"),

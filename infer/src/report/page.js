@@ -16,7 +16,8 @@ const ramp = t => { const c = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 
 const BLUE = [0.3, 0.55, 1], GOLD = [0.93, 0.66, 0.05], PINK = [0.84, 0.25, 0.62], TEAL = [0.07, 0.65, 0.58], ORANGE = [1, 0.55, 0.1];
 
 const candidates = D.candidates.map(c => ({ ...c, pose: local(c.pose), target: rel(c.target) }));
-const past = D.past.map(p => local(p.pose));
+// Of each camera the scan that it is of, from 0: a line scan has several.
+const past = D.past.map(p => ({ pose: local(p.pose), scan: p.scan }));
 const scores = candidates.filter(c => !c.why.length).map(c => c.score), low = Math.min(...scores), high = Math.max(...scores);
 const tint = c => c.why.length ? [0.53, 0.53, 0.53] : ramp(high > low ? 0.15 + 0.7 * (c.score - low) / (high - low) : 0.6);
 let chosen = D.next, step = D.scans;
@@ -24,7 +25,7 @@ const layers = { missing: true, boundary: true, overlap: true, candidates: true,
 
 // Cameras stand near the object, in their true direction, unless true distances are asked for.
 const radius = Math.max(D.radius, 1e-9);
-const farthest = Math.max(radius, ...candidates.map(c => Math.hypot(...column(c.pose, 3))), ...past.map(p => Math.hypot(...column(p, 3))));
+const farthest = Math.max(radius, ...candidates.map(c => Math.hypot(...column(c.pose, 3))), ...past.map(p => Math.hypot(...column(p.pose, 3))));
 const near = pose => {
   if ($('#far').checked) return pose;
   const at = column(pose, 3), by = Math.min(1, 2 * radius / (Math.hypot(...at) || 1));
@@ -57,7 +58,7 @@ function seenFrom(pose) {
 const view = viewer($('canvas'), { up: D.up, radius, dist: 4.8 * radius, yaw: 0.7, after: place });
 // What is shown at a step of the replay; the last shows the plan.
 function build() {
-  const last = step === D.scans, c = last ? candidates[chosen] : past[step] && { pose: past[step] };
+  const last = step === D.scans, c = last ? candidates[chosen] : past.find(p => p.scan === step);
   const seen = c ? seenFrom(c.pose) : new Uint8Array(all), shown = [], colors = [];
   const light = [0.35, -0.5, 0.79];
   for (let i = 0; i < all; i++) {
@@ -69,7 +70,7 @@ function build() {
     colors.push(...base.map(v => Math.min(1, v * (rim ? 1 : 0.35 + shade * 0.8))));
   }
   const lines = [], faces = [], size = 0.11 * (($('#far').checked) ? Math.max(radius, 0.5 * farthest) : radius);
-  if (layers.past) past.slice(0, step).forEach(p => frustum(lines, faces, near(p), 1.6 * size, BLUE, 0.12));
+  if (layers.past) past.filter(p => p.scan < step).forEach(p => frustum(lines, faces, near(p.pose), 1.6 * size, BLUE, 0.12));
   if (last) {
     candidates.forEach((c, i) => { if (i !== chosen && (c.why.length ? layers.out : layers.candidates)) frustum(lines, faces, near(c.pose), size, tint(c), 0); });
   }

@@ -17,7 +17,7 @@ fn a_hostile_title_stays_text_and_nothing_is_loaded() {
     answer.candidates[1]
         .objections
         .push(planning::constraints::Objection { constraint: planning::Constraint::Floor, reason: hostile.to_owned() });
-    let input = ReportInput { title: hostile, session: &session, past: &[], coverage: &[0.3, 0.6] };
+    let input = ReportInput { title: hostile, session: &session, coverage: &[0.3, 0.6] };
     let page = report_html(&answer, &input);
     assert!(!page.contains("<script>alert"), "the title must not become a script");
     assert_eq!(page.matches("<script").count(), 3, "the data, the viewer, the program");
@@ -47,6 +47,30 @@ fn the_page_tells_which_scan_saw_a_point_first_and_what_is_expected() {
     let answer = session.next_view().expect("an answer");
     let expected = session.expected_surface(&answer);
     assert!(!expected.is_empty(), "the back of a sheet is not known");
-    let page = report_html(&answer, &ReportInput { title: "a", session: &session, past: &[], coverage: &[] });
+    let page = report_html(&answer, &ReportInput { title: "a", session: &session, coverage: &[] });
     assert!(page.contains(&*escape(&answer.reason())), "{}", answer.reason());
+}
+
+#[test]
+fn the_replay_goes_from_scan_to_scan_whatever_they_are_of() {
+    // The sheet in two halves again, the first by a line scanner, which counts as several cameras.
+    let half = |from: i32| geometry::PointCloud {
+        points: (0..900)
+            .map(|i| Point3::new(f64::from(from + i % 30) * 0.004, f64::from(i / 30) * 0.004, 0.0))
+            .collect(),
+        normals: Vec::new(),
+    };
+    let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+    let path = [Point3::new(0.0, 0.06, 1.0), Point3::new(0.116, 0.06, 1.0)];
+    session.add_scan(Scan::Lines { cloud: half(0), path }).expect("a scan");
+    session.add_scan(Scan::Cloud { cloud: half(20), from: Some(Point3::new(0.1, 0.06, 1.0)) }).expect("a scan");
+    for (p, first) in session.cloud().points.iter().zip(first_scans(&session)) {
+        assert_eq!(first, u8::from(p.x > 0.118), "{p}");
+    }
+    let answer = session.next_view().expect("an answer");
+    let data = page_data(&answer, &ReportInput { title: "a", session: &session, coverage: &[] });
+    let of_scans: Vec<u64> =
+        data["past"].as_array().expect("a list").iter().filter_map(|camera| camera["scan"].as_u64()).collect();
+    assert_eq!((&data["scans"], of_scans.len()), (&json!(2), session.state().scans.len()));
+    assert!(of_scans.len() > 2 && of_scans[0] == 0 && of_scans.ends_with(&[0, 1]), "{of_scans:?}");
 }

@@ -10,7 +10,7 @@ use crate::plan::Planned;
 use crate::request::{Ask, Body, NextRequest, over};
 use planning::scan::{FARTHEST_M, Scan};
 use planning::session::Request;
-use planning::{Budget, Network, NoReturn, Session, SessionConfig, SessionError};
+use planning::{Budget, Network, Session, SessionConfig, SessionError};
 use serde::Serialize;
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -84,7 +84,10 @@ impl Service {
         if open.held.resize(bytes).is_err() {
             tracing::debug!("an answer made a session grow beyond the available memory");
         }
-        entry.scans.store(open.session.num_scans(), Ordering::Relaxed);
+        // As long as it cannot be read, those on disk count.
+        if !open.unread {
+            entry.scans.store(open.session.num_scans(), Ordering::Relaxed);
+        }
         entry.bytes.store(bytes, Ordering::Relaxed);
         *lock(&entry.used) = Instant::now();
         answer
@@ -131,8 +134,8 @@ impl Service {
 
     fn attempt(&self, open: &mut Open, ask: Ask, patience: &Patience) -> Result<Reply, Refusal> {
         match ask {
-            Ask::AddScan { scan, misses, .. } => {
-                let scan = meant(*scan, misses, open.session.config());
+            Ask::AddScan { scan, misses_by_settings, .. } => {
+                let scan = meant(*scan, misses_by_settings, open.session.config());
                 self.add_scan(open, scan, patience)
             }
             Ask::NextView(request) => self.next_view(open, request, patience),
@@ -203,7 +206,7 @@ impl Service {
         match request.plan_views {
             None => Reply::of(&answer),
             Some(most) => {
-                let planned = Planned::new(&open.session, &answer, most);
+                let planned = Planned::new(&open.session, &answer, most, current_position_m);
                 Reply::of(&planned.map_err(|message| Refusal::new(400, "bad_plan_views", message))?)
             }
         }
@@ -234,8 +237,8 @@ fn read_back(store: &Store, id: u64, open: &mut Open, most: usize) -> Result<(),
         let refused = |why: Refusal| store.refused(id, number, why.message);
         let ask = Ask::parse(Method::AddScan, body, false, false).map_err(refused)?;
         open.held.cover(open.memory() + reading + ask.work())?;
-        let Ask::AddScan { scan, misses, .. } = ask else { return Err(Refusal::internal()) };
-        let Loaded { scan, reading } = meant(*scan, misses, &config);
+        let Ask::AddScan { scan, misses_by_settings, .. } = ask else { return Err(Refusal::internal()) };
+        let Loaded { scan, reading } = meant(*scan, misses_by_settings, &config);
         let unhurried = Budget::default();
         let configured = open.session.configure(config);
         let added = configured.and_then(|()| open.session.add_scan_within(scan, reading, &unhurried));
@@ -248,9 +251,9 @@ fn read_back(store: &Store, id: u64, open: &mut Open, most: usize) -> Result<(),
     Ok(())
 }
 
-/// A scan whose misses mean what was said, or else what the settings say.
-fn meant(mut loaded: Loaded, given: Option<NoReturn>, config: &SessionConfig) -> Loaded {
-    if let (Scan::Depth { misses, .. }, None) = (&mut loaded.scan, given) {
+/// A scan whose misses mean what was said, or what the settings say where it is left to them.
+fn meant(mut loaded: Loaded, by_settings: bool, config: &SessionConfig) -> Loaded {
+    if let (Scan::Depth { misses, .. }, true) = (&mut loaded.scan, by_settings) {
         *misses = config.misses;
     }
     loaded

@@ -72,7 +72,7 @@ impl Session {
         self.aside.sort_by_key(|scan| scan.number);
         self.offsets.clear();
         self.unregistered.clear();
-        if self.scans.is_empty() {
+        if !self.scans.iter().chain(&self.aside).any(|scan| scan.shows_support) {
             self.support = given_support(&self.config);
         }
     }

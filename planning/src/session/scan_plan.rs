@@ -45,8 +45,9 @@ pub struct PlannedView {
 
 impl Session {
     /// At most `most` of the views that `answer` allows, the greedy choice: each sees most of the expected surface that those before it
-    /// do not see. `None` where the planner that answered does not make out what is missing, or had no time to. It is of the state at that answer.
-    pub fn scan_plan(&self, answer: &Answer, most: usize) -> Option<ScanPlan> {
+    /// do not see. `None` where the planner that answered does not make out what is missing, or had no time to. It is of the state at that answer. Travel begins at
+    /// `current_m`, in the cell, as [`Request::current_position_m`](super::Request::current_position_m).
+    pub fn scan_plan(&self, answer: &Answer, most: usize, current_m: Option<[f64; 3]>) -> Option<ScanPlan> {
         let told = answer.surface.filter(|_| answer.complete && answer.planner == PlannerName::Volumetric.as_str())?;
         let missing = told.expected_m2 / (told.known_m2 + told.expected_m2).max(f64::MIN_POSITIVE);
         // Gains are shares of what the membrane makes out; the whole that is missing is told from that (stop.rs).
@@ -71,7 +72,7 @@ impl Session {
             let alike = chosen.iter().map(|&(i, _): &(usize, f64)| axis(i).dot(&axis(best))).fold(-1.0, f64::max);
             chosen.push((best, looks.take(&seen[best], (1.0 - alike).min(1.0))));
         }
-        let from = (self.camera_now(), self.table_deg());
+        let from = (self.camera_now(current_m), self.table_deg());
         let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| stop(allowed[i], from.1)).collect();
         let order = by_travel(from, &stops);
         let found = believed.iter().sum::<f64>() - looks.unseen();
@@ -89,9 +90,9 @@ impl Session {
         Some(plan)
     }
 
-    /// Where the camera is, in the cell: as the settings say, else where the last scan was taken.
-    pub(super) fn camera_now(&self) -> Option<Point3<f64>> {
-        let told = self.config.constraints.current_position_m.map(Point3::from);
+    /// Where the camera is, in the cell: as the request says, else as the settings do, else where the last scan was taken.
+    pub(super) fn camera_now(&self, requested_m: Option<[f64; 3]>) -> Option<Point3<f64>> {
+        let told = requested_m.or(self.config.constraints.current_position_m).map(Point3::from);
         let last = || self.latest().and_then(PreparedScan::camera_position).map(|p| self.cell_from_object() * p);
         told.or_else(last)
     }
@@ -233,7 +234,7 @@ mod tests {
         session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.06, 0.06, 0.6)) }).expect("a scan");
         let answer = session.next_view().expect("an answer");
         let plans: Vec<ScanPlan> =
-            [1, 3, 8].iter().map(|&most| session.scan_plan(&answer, most).expect("a plan")).collect();
+            [1, 3, 8].iter().map(|&most| session.scan_plan(&answer, most, None).expect("a plan")).collect();
         let missing = answer.surface.map(|s| s.expected_m2 / (s.known_m2 + s.expected_m2)).expect("a surface");
         for (plan, most) in plans.iter().zip([1, 3, 8]) {
             assert!(!plan.views.is_empty() && plan.views.len() <= most);
@@ -242,6 +243,8 @@ mod tests {
             assert!(plan.views.iter().all(|v| v.view.objections.is_empty()));
         }
         assert!(plans[2].adds > plans[0].adds && plans[2].leaves < plans[0].leaves, "more views see more");
+        let far = session.scan_plan(&answer, 3, Some([100.0, 0.0, 0.0])).expect("a plan");
+        assert!((80.0..120.0).contains(&(far.travel_m - plans[1].travel_m)), "it sets out from where the camera is");
         let first = plans[1].views.iter().find(|view| view.chosen == 0).expect("a first choice");
         assert_eq!(first.view, plans[0].views[0].view, "the first choice stays");
     }

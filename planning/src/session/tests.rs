@@ -162,7 +162,10 @@ fn the_best_so_far_is_an_answer_that_says_so() {
     assert!(!some.complete && some.candidates.len() < all.candidates.len() && some.next.is_some(), "{some:?}");
     let measured = |answer: &Answer| answer.surface.expect("made out").known_m2;
     assert!((measured(&some) / measured(&all) - 1.0).abs() < 1e-9 && !some.stop.stop, "of this state: {some:?}");
-    assert!(session.scan_plan(&some, 3).is_none() && session.expected_surface(&some).is_empty(), "and no longer known");
+    assert!(
+        session.scan_plan(&some, 3, None).is_none() && session.expected_surface(&some).is_empty(),
+        "and no longer known"
+    );
     let known = |c: &Candidate| all.candidates.iter().any(|a| a.position_m == c.position_m);
     assert!(some.candidates.iter().all(known), "each as in the whole answer");
     assert!(session.next_view() == Ok(all), "and it is not kept for the next request");

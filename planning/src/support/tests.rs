@@ -125,6 +125,23 @@ fn it_is_taken_away_and_no_camera_goes_under_it() {
 }
 
 #[test]
+fn undo_forgets_the_support_with_the_scan_that_showed_it() {
+    let mut session = session(Support::Auto);
+    session.reset();
+    let (scan, plane) = on_a_table(0.15);
+    let mut ball = points(&scan);
+    ball.retain(|p| plane.height(p) > 0.01);
+    let cloud = geometry::PointCloud { points: ball, normals: Vec::new() };
+    session.add_scan(Scan::Cloud { cloud, from: None }).expect("the ball alone");
+    assert!(session.support().is_none());
+    session.add_scan(scan.clone()).expect("with its table");
+    session.add_scan(scan).expect("again");
+    assert!(session.undo() && session.support().is_some(), "the second showed it");
+    assert!(session.undo() && session.support().is_none());
+    assert!(session.next_view().expect("an answer").support.is_none());
+}
+
+#[test]
 fn a_given_support_far_below_everything_is_doubted() {
     let (_, plane) = on_a_table(0.15);
     let doubted = |offset_m: f64| {

@@ -12,7 +12,7 @@ from .files import Calibration, Cloud, read_arm, read_camera, read_cloud, read_d
 from .session import ScanReport, Session
 from .shards import Sample, Shards
 from .simulate import Camera, Episode, chamfer, coverage, depth_to_points, hausdorff, look_at, overlap, scan
-from .view import Candidate, Objection, Stop, View
+from .view import Candidate, Objection, Reached, Stop, TableStop, View
 
 __all__ = [
     "Calibration",
@@ -23,6 +23,7 @@ __all__ = [
     "Objection",
     "PlanError",
     "Policy",
+    "Reached",
     "Report",
     "Sample",
     "ScanReport",
@@ -31,6 +32,7 @@ __all__ = [
     "Shards",
     "State",
     "Stop",
+    "TableStop",
     "View",
     "__version__",
     "chamfer",

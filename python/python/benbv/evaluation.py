@@ -61,13 +61,13 @@ class Report:
 
 def evaluate(
     policies: Mapping[str, str | Policy | Any] | Iterable[str],
-    objects: int | str | PathLike[str] | Mapping[str, Any] = 5,
-    episodes: int = 5,
+    objects: int | str | PathLike[str] | Mapping[str, Any] | None = None,
+    episodes: int | None = None,
     *,
     out: str | PathLike[str] | None = None,
     baseline: str | None = None,
     only: Iterable[str] = (),
-    seed: int = 0,
+    seed: int | None = None,
     config: Config = None,
     decision_s: float = 60.0,
 ) -> Report:
@@ -75,21 +75,30 @@ def evaluate(
 
     `policies`: by the name in the tables, each a name of ours (`evaluate --list-policies`) or an own `Policy`. `objects`: so
     many built-in ones, a folder of meshes, or settings as `[dataset]` in `configs/evaluate.toml`; `only` these of them by name.
-    `out`: a folder in which all is kept; what was run there already, by the program as well, is not run again. `config`: any
-    settings of `configs/evaluate.toml`. `decision_s`: an own policy that takes longer for a view is reported, and not asked
-    again.
+    `out`: a folder in which all is kept; what was run there already, by the program as well, is not run again. `baseline`: one
+    of the policies, with which the others are compared; where neither it nor that of the settings is one, the first.
+    `decision_s`: an own policy that takes longer for a view is reported, and not asked again.
+
+    `config`: any settings of `configs/evaluate.toml`, as a mapping or as the path of such a file; arguments come before them.
+    Where neither says it, there are 5 built-in objects and 5 episodes of each, from seed 0; a file is taken as the program
+    takes it, and what it leaves out is as in `configs/evaluate.toml`.
 
     A policy that fails is reported by name in `Report.skipped`; the other rows are as without it. Ctrl-C stops after the
     episodes in hand.
     """
     if not isinstance(policies, Mapping):
         policies = {name: name for name in policies}
+    if baseline is not None and baseline not in policies:
+        raise ValueError(f"baseline: {baseline!r} is not among the policies, expected one of {', '.join(policies)}")
     file, settings = split(config)
-    settings["dataset"] = {**settings.get("dataset", {}), **_dataset(objects)}
-    settings.update(episodes=episodes, seed=seed)
-    if names := list(only):
-        settings["only"] = names
-    settings["baseline"] = baseline or ("benbv" if "benbv" in policies else next(iter(policies), "benbv"))
+    if file is None:
+        # Fewer than the program's, which take hours.
+        settings.setdefault("episodes", 5)
+        objects = 5 if objects is None and "dataset" not in settings else objects
+    if objects is not None:
+        settings["dataset"] = {**settings.get("dataset", {}), **_dataset(objects)}
+    given = {"episodes": episodes, "seed": seed, "baseline": baseline, "only": list(only) or None}
+    settings.update({key: value for key, value in given.items() if value is not None})
     entrants = [_entrant(name, policy) for name, policy in policies.items()]
     if not entrants:
         raise ValueError("policies: none, expected at least one")

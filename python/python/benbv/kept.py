@@ -7,7 +7,7 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -23,21 +23,25 @@ class KeptScan:
     """A scan as it was asked for."""
 
     kind: str
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, ArrayLike]
     words: dict[str, Any]
     config: dict[str, Any]
 
     @classmethod
     def of(cls, kind: str, arrays: Mapping[str, ArrayLike | None], words: dict[str, Any], config: dict[str, Any]) -> KeptScan:
-        """With copies of the arrays: the caller's may change."""
-        own = {name: np.array(value) for name, value in arrays.items() if value is not None}
-        return cls(kind, own, words, config)
+        """With the caller's arrays, those that were given."""
+        return cls(kind, {name: value for name, value in arrays.items() if value is not None}, words, config)
+
+    def copied(self) -> KeptScan:
+        """With arrays of its own: the caller's may change."""
+        return replace(self, arrays={name: np.array(value) for name, value in self.arrays.items()})
 
 
 def save(path: str | PathLike[str], config: dict[str, Any], given: list[NDArray[Any]], scans: list[KeptScan]) -> None:
     """Writes the file whole or not at all."""
     told = [{"kind": s.kind, "words": s.words, "config": s.config, "arrays": list(s.arrays)} for s in scans]
-    text = json.dumps({"version": VERSION, "config": config, "scans": told})
+    # Numbers may be of numpy.
+    text = json.dumps({"version": VERSION, "config": config, "scans": told}, default=float)
     members: dict[str, Any] = {"session": np.frombuffer(text.encode(), np.uint8), "given": np.array(given).reshape(-1, 4, 4)}
     for i, scan in enumerate(scans):
         members.update({f"{i}.{name}": array for name, array in scan.arrays.items()})

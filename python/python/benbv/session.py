@@ -54,9 +54,9 @@ class ScanReport:
 class Session:
     """The scans of one object so far. Threads may share it; one works on it at a time, and the interpreter is free meanwhile.
 
-    `working_distance_m` is the distance from target to camera; `config` holds any settings of `configs/infer.toml`, as a
-    mapping (`{"constraints": {"floor_height_m": 0.0}}`) or as the path of such a file; `weights` is the directory of a
-    checkpoint for `benbv-net` in place of the weights that come along.
+    `working_distance_m` is the distance from target to camera, whatever `config` says of it; `config` holds any settings of
+    `configs/infer.toml`, as a mapping (`{"constraints": {"floor_height_m": 0.0}}`) or as the path of such a file; `weights` is
+    the directory of a checkpoint for `benbv-net` in place of the weights that come along.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Session:
     ) -> None:
         file, changes = split(config)
         if working_distance_m is not None:
-            changes["working_distance_m"] = working_distance_m
+            changes.update(working_distance_m=working_distance_m, working_distance_range_m=None)
         self._native = _benbv.Session(file, json.dumps(changes, default=plain), weights)
         self._kept: list[kept.KeptScan] = []
         self._given: list[NDArray[Any]] = []
@@ -76,32 +76,38 @@ class Session:
 
     def _add(self, kind: str, arrays: Mapping[str, Any], words: dict[str, Any]) -> ScanReport:
         """Adds a scan and keeps it as it came."""
-        a, native, angle = arrays, self._native, words.get("table_angle_deg")
         with self._lock:
-            if kind == "depth":
-                text = native.add_depth(
-                    a["depth"],
-                    a["intrinsics"],
-                    a["world_from_camera"],
-                    words["misses"],
-                    words["metres_per_unit"],
-                    words["distortion"],
-                    words["distortion_model"],
-                    angle,
-                )
-            elif kind == "points":
-                text = native.add_points(a["points"], a.get("origin"), a.get("world_from_camera"), a.get("normals"), angle)
-            else:
-                text = native.add_bytes(words["name"], a["raw"].tobytes(), a.get("origin"), words["millimetres"], angle)
-            # Not before it is known to be one, of a size that can be kept.
-            self._kept.append(kept.KeptScan.of(kind, arrays, words, self.config))
-        raw = json.loads(text)
+            scans = self._native.num_scans()
+            # In its place before it is added: Ctrl-C is raised when the call returns, and the scan is in the session by then.
+            self._kept[scans:] = [kept.KeptScan.of(kind, arrays, words, self.config)]
+            try:
+                raw = json.loads(self._add_native(kind, arrays, words))
+            finally:
+                # Nothing where it was refused. Copied not before it is known to be one, of a size that can be kept.
+                self._kept[scans:] = [scan.copied() for scan in self._kept[scans : self._native.num_scans()]]
         return ScanReport(raw["scans"], raw["report"], tuple(raw["notes"]))
+
+    def _add_native(self, kind: str, arrays: Mapping[str, Any], words: dict[str, Any]) -> str:
+        a, native, angle = arrays, self._native, words.get("table_angle_deg")
+        if kind == "depth":
+            return native.add_depth(
+                a["depth"],
+                a["intrinsics"],
+                a["world_from_camera"],
+                words["misses"],
+                words["metres_per_unit"],
+                words["distortion"],
+                words["distortion_model"],
+                angle,
+            )
+        if kind == "points":
+            return native.add_points(a["points"], a.get("origin"), a.get("world_from_camera"), a.get("normals"), angle)
+        return native.add_bytes(words["name"], a["raw"].tobytes(), a.get("origin"), words["millimetres"], angle)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the session to a file (`.npz`), whole or not at all: scans as they came, settings, given views."""
         with self._lock:
-            kept.save(path, self.config, self._given, self._kept)
+            kept.save(path, self.config, self._given, self._kept[: self._native.num_scans()])
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, weights: str | PathLike[str] | None = None) -> Session:
@@ -187,7 +193,8 @@ class Session:
         return self._add("file", {"raw": raw, "origin": origin}, words)
 
     def set_given_views(self, poses: Sequence[ArrayLike]) -> None:
-        """Chooses from these poses, (4, 4) `world_from_camera` each, alone from now on: turntable stops, taught poses.
+        """Chooses from these poses, (4, 4) `world_from_camera` each, alone from now on: taught poses, or, with a turntable, poses
+        in the frame that does not turn, each at every stop.
 
         None given: views at the boundary of the cloud again.
         """

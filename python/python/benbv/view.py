@@ -23,8 +23,36 @@ class Objection:
 
 
 @dataclass(frozen=True, eq=False)
+class TableStop:
+    """Where a turntable stops for a view, and where the camera stands then."""
+
+    stop_deg: float
+    """The table's angle, degrees."""
+    cell_from_camera: NDArray[np.float64]
+    """(4, 4): the camera's pose in the frame of the cell, which does not turn; metres."""
+
+    @classmethod
+    def _of(cls, raw: dict[str, Any]) -> TableStop:
+        return cls(raw["stop_deg"], np.array(raw["cell_from_camera"]["matrix"]))
+
+
+@dataclass(frozen=True)
+class Reached:
+    """An arm at a view."""
+
+    joints: dict[str, float]
+    """Values by the names of the joints, radians or metres, in the order of the arm."""
+    travel: float
+    """Sum of the joints' travel from where the arm is, radians and metres."""
+
+    @classmethod
+    def _of(cls, raw: dict[str, Any]) -> Reached:
+        return cls({joint["name"]: joint["value"] for joint in raw["joints"]}, raw["travel"])
+
+
+@dataclass(frozen=True, eq=False)
 class Candidate:
-    """A view that was considered. World frame, metres."""
+    """A view that was considered. World frame, metres; with a turntable that is the object's frame, which turns with it."""
 
     rank: int
     """0 is the best of those allowed; the excluded ones follow."""
@@ -44,6 +72,10 @@ class Candidate:
     """Why it must not be taken; empty if it may."""
     given: int | None
     """Which of the given views it is."""
+    table: TableStop | None = None
+    """With a turntable, the stop and the pose to take there; None without one."""
+    reached: Reached | None = None
+    """The arm at this view; None without an arm, and where it cannot get there."""
 
     @property
     def position(self) -> NDArray[np.float64]:
@@ -63,6 +95,8 @@ class Candidate:
             expected_overlap=raw["expected_overlap"],
             objections=tuple(Objection(o["constraint"], o["reason"]) for o in raw["objections"]),
             given=raw.get("given"),
+            table=TableStop._of(raw["table"]) if "table" in raw else None,
+            reached=Reached._of(raw["reached"]) if "reached" in raw else None,
         )
 
 
@@ -116,7 +150,11 @@ class View:
 
     @property
     def world_from_camera(self) -> NDArray[np.float64]:
-        """(4, 4): the pose to take. Raises `PlanError` where no view is left."""
+        """(4, 4): the pose to take. Raises `PlanError` where no view is left.
+
+        With a turntable it is in the object's frame, which turns with the table: the pose to take is
+        `next.table.cell_from_camera`, with the table at `next.table.stop_deg`.
+        """
         return self._some.world_from_camera
 
     @property

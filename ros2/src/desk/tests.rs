@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::messages::{ByteArray, PointCloud2, PointField, TFMessage, Time, TransformStamped};
-use crate::planner::SessionInfo;
+use formats::config::overlaid;
 use planning::{Session, SessionConfig};
+use serde_json::json;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -31,6 +32,11 @@ impl Planner for Asked {
         self.bodies.lock().expect("kept").push((ask, body.clone()));
         let mut session = self.session.lock().expect("kept");
         let answer = match ask {
+            Ask::Configure => {
+                let config = overlaid(session.config(), body, "config").map_err(refused)?;
+                session.configure(config).map_err(|e| refused(e.to_string()))?;
+                json!({})
+            }
             Ask::AddScan => {
                 let bytes = base64::engine::general_purpose::STANDARD
                     .decode(body["cloud_base64"].as_str().expect("a cloud"))
@@ -159,14 +165,45 @@ fn a_scan_that_got_no_view_is_planned_on_before_another_is_taken() {
 }
 
 #[test]
-fn settings_that_change_go_with_the_request() {
+fn scans_that_come_and_go_over_http_end_the_wait_for_a_view() {
+    let (inbox, planner, stop) = (inbox(), Asked::new(), AtomicBool::new(false));
+    let desk = Desk { inbox: &inbox, planner: &planner, stop: &stop };
+    let mut pending = Pending::default();
+    let mut plan = || desk.plan(&config(), "", &header(), &mut pending).0;
+    let scans = || planner.session().expect("one").scans;
+    let no_view = |yes| planner.no_view.store(yes, std::sync::atomic::Ordering::SeqCst);
+
+    come(&inbox, sheet());
+    no_view(true);
+    assert!(!plan().success && scans() == 1);
+    planner.ask(Ask::Undo, b"").expect("taken back");
+    let empty = plan().message;
+    assert!(empty.starts_with("no_new_scan: "), "not stuck without a scan: {empty}");
+    come(&inbox, sheet());
+    assert!(!plan().success && scans() == 1);
+    let added = planner.bodies.lock().expect("kept").iter().find(|(ask, _)| *ask == Ask::AddScan).cloned();
+    planner.ask(Ask::AddScan, added.expect("one").1.to_string().as_bytes()).expect("added");
+    no_view(false);
+    come(&inbox, sheet());
+    let said = plan();
+    assert!(said.success && scans() == 3, "planned on the scan that came last: {}", said.message);
+}
+
+#[test]
+fn settings_hold_for_the_scan_of_the_same_plan_and_wrong_ones_cost_none() {
     let (inbox, planner, stop) = (inbox(), Asked::new(), AtomicBool::new(false));
     let desk = Desk { inbox: &inbox, planner: &planner, stop: &stop };
     come(&inbox, sheet());
-    let (said, _) = desk.plan(&config(), r#"{"stop_below": 0.1}"#, &header(), &mut Pending::default());
-    assert!(said.success, "{}", said.message);
-    let bodies = planner.bodies.lock().expect("kept");
-    assert_eq!(bodies[1], (Ask::NextView, json!({ "config": { "stop_below": 0.1 } })));
+    let plan = |changes: &str| desk.plan(&config(), changes, &header(), &mut Pending::default()).0;
+    let wrong = plan(r#"{"stop_below": 7}"#).message;
+    assert!(wrong.contains("stop_below = 7: expected a share from 0 to 1"), "{wrong}");
+    let few = plan(r#"{"min_points": 1000}"#).message;
+    assert!(few.contains("too few points to plan on"), "{few}");
+    let said = plan(r#"{"min_points": 30}"#);
+    assert!(said.success && planner.session().expect("one").scans == 1, "{}", said.message);
+    let asked: Vec<Ask> = planner.bodies.lock().expect("kept").iter().map(|(ask, _)| *ask).collect();
+    let [configure, add] = [Ask::Configure, Ask::AddScan];
+    assert_eq!(asked, [configure, configure, add, configure, add, Ask::NextView, Ask::Export]);
 }
 
 #[test]

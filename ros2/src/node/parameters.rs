@@ -1,8 +1,9 @@
 //! What can be changed while the node runs, as ROS parameters; all else is a setting of its start.
 
 use crate::Ros2Config;
+use formats::config::overlaid;
+use planning::SessionConfig;
 use ros2_client::{Node, NodeOptions, ParameterValue};
-use serde_json::Value;
 
 pub(super) fn declare(options: NodeOptions, config: &Ros2Config) -> NodeOptions {
     let start = config.clone();
@@ -23,11 +24,9 @@ fn validate(start: &Ros2Config, name: &str, value: &ParameterValue) -> Result<()
             return Err("base_frame: the scans so far are in it; start the node with another".to_owned());
         }
         ("config", ParameterValue::String(text)) if !text.trim().is_empty() => {
-            return match serde_json::from_str::<Value>(text) {
-                Ok(Value::Object(_)) => Ok(()),
-                Ok(_) => Err("config: expected an object such as {\"working_distance_m\": 0.6}".to_owned()),
-                Err(e) => Err(format!("config: not JSON: {e}")),
-            };
+            let changes = serde_json::from_str(text).map_err(|e| format!("config: not JSON: {e}"))?;
+            // Names and types. What is in range depends on the session's other settings: `plan` refuses what is not.
+            return overlaid(&SessionConfig::default(), changes, "config").map(drop);
         }
         ("wait_s", ParameterValue::Double(seconds)) => changed.wait_s = *seconds,
         ("max_age_s", ParameterValue::Double(seconds)) => changed.max_age_s = *seconds,
@@ -53,4 +52,27 @@ pub(super) fn current(node: &Node, config: &Ros2Config) -> (Ros2Config, String) 
         changes = text;
     }
     (now, changes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_there_are_not_are_refused_at_once() {
+        let set = |text: &str| validate(&Ros2Config::default(), "config", &ParameterValue::String(text.to_owned()));
+        for text in ["", r#"{"working_distance_m": 0.45, "constraints": {"floor_height_m": 0.0}}"#] {
+            assert_eq!(set(text), Ok(()), "{text}");
+        }
+        for (text, expected) in [
+            ("{", "config: not JSON: "),
+            ("[0.45]", "config: expected an object of settings"),
+            (r#"{"working_distance": 0.45}"#, "config: unknown field `working_distance`"),
+            (r#"{"constraints": {"floor": 0.0}}"#, "config: unknown field `floor`"),
+            (r#"{"working_distance_m": "near"}"#, "config: invalid type: string \"near\", expected f64"),
+        ] {
+            let refused = set(text).expect_err(text);
+            assert!(refused.starts_with(expected), "{text}: {refused}");
+        }
+    }
 }
