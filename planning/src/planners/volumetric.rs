@@ -52,8 +52,8 @@ pub struct VolumetricConfig {
     /// Added to the score per half turn between a view and the nearest past one (0.08): late, when little is expected
     /// anywhere, what is still missing is rather seen from where no camera has been.
     pub novelty: f64,
-    /// Views with a smaller expected overlap, less what it may be missed by ([`crate::overlap::margin`]), come after all others
-    /// (0: none).
+    /// Views with a smaller expected overlap, less what it may be missed by ([`crate::overlap::margin`]), come after all others,
+    /// those with the most of it first (0: none).
     pub min_overlap: f64,
     /// Voxels are twice the tolerance wide, at least a pixel at the working distance, or a spacing of the cloud where that
     /// is coarser, and at most this many of those (3.5). They grow where memory would not do. About one ray goes through
@@ -321,8 +321,9 @@ impl VolumetricPlanner {
             none if none <= 0.0 => 0.0,
             asked => asked + margin(self.placed),
         };
-        let low = |r: &RankedView| r.cautious_overlap.unwrap_or(0.0) < least;
-        ranked.sort_by(|a, b| low(a).cmp(&low(b)).then(b.score.total_cmp(&a.score)));
+        // What lacks of it: nothing where it is enough. Where no view has enough, the one with the most comes first.
+        let lack = |r: &RankedView| (least - r.cautious_overlap.unwrap_or(0.0)).max(0.0);
+        ranked.sort_by(|a, b| lack(a).total_cmp(&lack(b)).then(b.score.total_cmp(&a.score)));
         ranked
     }
 }

@@ -380,4 +380,7 @@ fn a_least_overlap_reckons_with_surface_that_nothing_told_of() {
     // The same view, once more surface may turn up.
     forecasts.views.iter_mut().filter(|f| f.view == first.view).for_each(|f| f.cautious_overlap = Some(0.39));
     assert_ne!(planner.rank(&forecasts)[0].view, first.view);
+    // None has enough: the one with the most.
+    forecasts.views.iter_mut().enumerate().for_each(|(i, f)| f.cautious_overlap = Some(1e-3 * i as f64));
+    assert_eq!(planner.rank(&forecasts)[0].view, forecasts.views.last().unwrap().view);
 }
