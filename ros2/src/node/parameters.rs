@@ -60,7 +60,8 @@ mod tests {
 
     #[test]
     fn settings_that_there_are_not_are_refused_at_once() {
-        let start = Ros2Config { base_frame: "base_link".to_owned(), ..Ros2Config::default() };
+        let [base_frame, cloud_topic] = ["base_link", "/points"].map(str::to_owned);
+        let start = Ros2Config { base_frame, cloud_topic, ..Ros2Config::default() };
         let set = |text: &str| validate(&start, "config", &ParameterValue::String(text.to_owned()));
         for text in ["", r#"{"working_distance_m": 0.45, "constraints": {"floor_height_m": 0.0}}"#] {
             assert_eq!(set(text), Ok(()), "{text}");
