@@ -48,12 +48,12 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Turn the authors' frame histories (.bin) into a set
+    /// Turn the authors' frame histories (.bin) into a set, or add them to one
     Import {
         /// Files, or directories of files; each object is named after its file
         #[arg(required = true)]
         inputs: Vec<PathBuf>,
-        /// Directory of the set
+        /// Directory of the set; objects are added to an imported set that is there
         #[arg(long)]
         out: PathBuf,
         /// Share of the objects set aside for validation

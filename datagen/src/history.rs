@@ -1,11 +1,12 @@
 //! The authors' frame histories as a set of shards, and back.
 
+mod existing;
+
 use crate::dataset::{Object, Source, SplitChoice, assign_splits};
 use crate::generate::{Part, lock_part, shard_path};
 use crate::output::{OutputError, OutputKind, check_output};
 use formats::frame_history::{Frame, NUM_VIEWS, read_frame_history, write_frame_history};
 use formats::lock::LockError;
-use formats::manifest::MANIFEST;
 use formats::shard::SCHEMA_VERSION;
 use formats::{
     CloudPrecision, FormatError, Manifest, ObjectRecord, ObjectStatus, Sample, ShardMetadata, ShardWriter, Split,
@@ -55,13 +56,32 @@ pub enum HistoryError {
         /// What its manifest says it is.
         found: String,
     },
+    /// The set that is added to was split otherwise.
+    #[error("{out:?} was imported with {found}; give the same to add to it, or another --out")]
+    OtherDraw {
+        /// The directory.
+        out: PathBuf,
+        /// What differs.
+        found: String,
+    },
+    /// The set has another object of this name.
+    #[error(
+        "{file:?}: {shard:?} was made from another file of this name; rename the file, or delete the shard to replace it"
+    )]
+    OtherHistory {
+        /// The file.
+        file: PathBuf,
+        /// The shard.
+        shard: PathBuf,
+    },
 }
 
-/// Frame histories as a set. What they do not say stays NaN: coverage and overlap.
+/// Frame histories as a set, or added to the set that was imported into `out` before: the same set as from all of them at once.
+/// What they do not say stays NaN: coverage and overlap.
 ///
 /// # Errors
 /// The first file that is no frame history, with the frame; two files of one name; a directory with another set or the output
-/// of another program, or in use; what cannot be written.
+/// of another program, or in use; a set of another seed or share, or with another object of a file's name; what cannot be written.
 pub fn import(
     inputs: &[PathBuf],
     out: &Path,
@@ -69,55 +89,24 @@ pub fn import(
     seed: u64,
     commit: &str,
 ) -> Result<Manifest, HistoryError> {
-    let objects = assign_splits(objects(inputs)?, SplitChoice::Train, seed, validation_share);
+    let files = files(inputs)?;
     check_output(out, OutputKind::DataSet)?;
-    let files = || {
-        objects.iter().filter_map(|object| match &object.source {
-            Source::File(path) => Some((object, path)),
-            Source::Sequence(_) | Source::Procedural { .. } => None,
-        })
-    };
     // All of them before anything is written, and one at a time: together they need not fit the memory.
-    for (_, path) in files() {
+    for path in files.values() {
         read_frame_history(path)?;
     }
-    if out.join(MANIFEST).exists() {
-        let found = Manifest::read(out)?.dataset;
-        if found != DATASET {
-            return Err(HistoryError::OtherSet { out: out.to_owned(), found });
-        }
-    }
+    let kept = || existing::kept(out, &files, seed, validation_share);
+    kept()?;
     let _lock = lock_part(out, Part::WHOLE)?;
+    // Again: another import may have ended in between.
+    let kept = kept()?;
     let mut records = vec![];
-    for (object, path) in files() {
-        let samples = to_samples(&object.name, &read_frame_history(path)?);
-        let record = ObjectRecord {
-            object: object.name.clone(),
-            category: object.category.clone(),
-            split: object.split,
-            status: ObjectStatus::Done {
-                shard: format!("shards/{}.safetensors", object.name),
-                samples: samples.len(),
-                coverage: vec![],
-                overlap: vec![],
-                void_episodes: 0,
-            },
-        };
-        let metadata = ShardMetadata {
-            schema_version: SCHEMA_VERSION,
-            sha256: String::new(),
-            config_hash: DATASET.to_owned(),
-            seed,
-            commit: commit.to_owned(),
-            mesh: String::new(),
-            objects: vec![record.clone()],
-        };
-        let mut writer = ShardWriter::new(metadata, CloudPrecision::F32);
-        for sample in &samples {
-            writer.push(sample)?;
-        }
-        writer.write(&shard_path(out, &object.name))?;
-        records.push(record);
+    for (name, split) in draw(kept.keys().chain(files.keys()), seed, validation_share) {
+        records.push(match (files.get(&name), kept.get(&name)) {
+            (Some(file), _) => write_shard(out, name, split, file, seed, commit)?,
+            (None, Some(record)) => existing::with_split(out, record, split)?,
+            (None, None) => continue,
+        });
     }
     let manifest = Manifest {
         schema_version: SCHEMA_VERSION,
@@ -132,8 +121,8 @@ pub fn import(
     Ok(manifest)
 }
 
-/// The files as objects by name, each name once.
-fn objects(inputs: &[PathBuf]) -> Result<Vec<Object>, HistoryError> {
+/// The files by the names of their objects, each name once.
+fn files(inputs: &[PathBuf]) -> Result<BTreeMap<String, PathBuf>, HistoryError> {
     let mut files = vec![];
     for input in inputs {
         if input.is_dir() {
@@ -144,22 +133,63 @@ fn objects(inputs: &[PathBuf]) -> Result<Vec<Object>, HistoryError> {
         }
     }
     files.sort();
-    let mut objects = BTreeMap::<String, (PathBuf, Object)>::new();
+    let (mut named, mut lower) = (BTreeMap::new(), BTreeMap::<String, PathBuf>::new());
     for path in files {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let object = Object {
-            name: name.clone(),
-            category: DATASET.to_owned(),
-            split: Split::Train,
-            source: Source::File(path.clone()),
-        };
-        if let Some((first, _)) = objects.insert(name.to_lowercase(), (path.clone(), object)) {
+        if let Some(first) = lower.insert(name.to_lowercase(), path.clone()) {
             return Err(HistoryError::SameName { first, second: path, name });
         }
+        named.insert(name, path);
     }
-    let mut objects: Vec<Object> = objects.into_values().map(|(_, object)| object).collect();
-    objects.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(objects)
+    Ok(named)
+}
+
+/// What the object of each name is for.
+fn draw<'a>(names: impl Iterator<Item = &'a String>, seed: u64, validation_share: f64) -> BTreeMap<String, Split> {
+    let object = |name: &String| Object {
+        name: name.clone(),
+        category: DATASET.to_owned(),
+        split: Split::Train,
+        source: Source::File(PathBuf::new()),
+    };
+    let objects = assign_splits(names.map(object).collect(), SplitChoice::Train, seed, validation_share);
+    objects.into_iter().map(|object| (object.name, object.split)).collect()
+}
+
+/// Writes the shard of a frame history.
+fn write_shard(
+    out: &Path,
+    name: String,
+    split: Split,
+    file: &Path,
+    seed: u64,
+    commit: &str,
+) -> Result<ObjectRecord, FormatError> {
+    let samples = to_samples(&name, &read_frame_history(file)?);
+    let path = shard_path(out, &name);
+    let status = ObjectStatus::Done {
+        shard: format!("shards/{name}.safetensors"),
+        samples: samples.len(),
+        coverage: vec![],
+        overlap: vec![],
+        void_episodes: 0,
+    };
+    let record = ObjectRecord { object: name, category: DATASET.to_owned(), split, status };
+    let metadata = ShardMetadata {
+        schema_version: SCHEMA_VERSION,
+        sha256: String::new(),
+        config_hash: DATASET.to_owned(),
+        seed,
+        commit: commit.to_owned(),
+        mesh: String::new(),
+        objects: vec![record.clone()],
+    };
+    let mut writer = ShardWriter::new(metadata, CloudPrecision::F32);
+    for sample in &samples {
+        writer.push(sample)?;
+    }
+    writer.write(&path)?;
+    Ok(record)
 }
 
 /// The samples of a frame history, in its order: frame i is the decision after i + 1 scans.

@@ -139,6 +139,9 @@ fn verify(directory: &std::path::Path, json: bool) -> anyhow::Result<ExitCode> {
         for problem in &verdict.problems {
             print_line(format_args!("problem: {problem}"))?;
         }
+        for note in &verdict.notes {
+            print_line(format_args!("note: {note}"))?;
+        }
         if !verdict.missing.is_empty() {
             print_line(format_args!("{} objects are missing, e.g. {}", verdict.missing.len(), verdict.missing[0]))?;
         }

@@ -1,7 +1,7 @@
 //! Is a set whole and sound?
 
 use crate::config::DatagenConfig;
-use crate::generate::skip_path;
+use crate::generate::{shard_path, skip_path};
 use formats::error::REMAKE;
 use formats::manifest::read_skipped;
 use formats::surface::read_surface;
@@ -24,6 +24,8 @@ pub struct Verdict {
     pub missing: Vec<String>,
     /// What is wrong, with the file.
     pub problems: Vec<String>,
+    /// Files that are no part of the set.
+    pub notes: Vec<String>,
 }
 
 impl Verdict {
@@ -40,8 +42,11 @@ impl Verdict {
 pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
     let manifest = Manifest::read(directory)?;
     let mut verdict = Verdict::default();
-    let mut known = BTreeSet::<PathBuf>::new();
+    let (mut known, mut unmade) = (BTreeSet::<PathBuf>::new(), BTreeSet::<PathBuf>::new());
     for record in &manifest.objects {
+        if !matches!(record.status, ObjectStatus::Done { .. }) {
+            unmade.insert(shard_path(directory, &record.object));
+        }
         match &record.status {
             ObjectStatus::Missing => verdict.missing.push(record.object.clone()),
             ObjectStatus::Skipped { .. } => {
@@ -80,9 +85,15 @@ pub fn verify(directory: &Path) -> Result<Verdict, FormatError> {
     let mut found = vec![];
     files_below(&directory.join("shards"), &mut found)?;
     for path in found.into_iter().filter(|p| !known.contains(p)) {
-        verdict
-            .problems
-            .push(format!("{path:?}: not in the manifest; run the same datagen command again to update the manifest"));
+        if unmade.contains(&path) {
+            let way_out = "run the same datagen command again to update the manifest";
+            verdict.problems.push(format!("{path:?}: the manifest does not say that it was made; {way_out}"));
+        } else {
+            verdict.notes.push(format!(
+                "{path:?}: not in the manifest, and not used: the data set no longer lists it (delete the file), or a run \
+                 that was to add it was cut off (run the same datagen command again)"
+            ));
+        }
     }
     Ok(verdict)
 }

@@ -265,6 +265,46 @@ fn shards_of_other_meshes_are_not_taken_for_those_of_these() {
 }
 
 #[test]
+fn a_shard_that_is_no_longer_listed_is_noted_and_one_that_was_not_noted_is_a_problem() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    std::fs::create_dir(home.join("in")).unwrap();
+    for (name, height) in [("a.off", 1.0), ("b.off", 1.3)] {
+        std::fs::write(home.join("in").join(name), block(height)).unwrap();
+    }
+    let small = ["--scans", "1", "--set", "candidates.num_targets=4", "--set", "surface_samples=3000"];
+    let again = || succeed(datagen(home).args(["--dataset", "folder", "--root", "in", "--out", "out"]).args(small));
+    let verify = || run(datagen(home).args(["verify", "out"]));
+    again();
+    std::fs::remove_file(home.join("in/b.off")).unwrap();
+    again();
+    let (code, text) = verify();
+    assert!(code == Some(0) && text.contains("1 intact shards"), "{text}");
+    assert!(text.contains("note: ") && text.contains("b.safetensors") && text.contains("delete the file"), "{text}");
+    let json = succeed(datagen(home).args(["verify", "out", "--json"]));
+    let verdict: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((verdict["notes"].as_array().unwrap().len(), &verdict["problems"]), (1, &serde_json::json!([])));
+    std::fs::remove_file(home.join("out/shards/b.safetensors")).unwrap();
+    let (code, text) = verify();
+    assert!(code == Some(0) && !text.contains("note"), "{text}");
+
+    // What a run leaves that was killed after its shards and before its manifest.
+    let mut manifest = formats::Manifest::read(&home.join("out")).unwrap();
+    let whole = std::mem::replace(&mut manifest.objects[0].status, formats::ObjectStatus::Missing);
+    manifest.write(&home.join("out")).unwrap();
+    let (code, text) = verify();
+    assert!(
+        code == Some(1) && text.contains("a.safetensors") && text.contains("run the same datagen command"),
+        "{text}"
+    );
+    again();
+    assert_eq!(
+        (verify().0, formats::Manifest::read(&home.join("out")).unwrap().objects[0].status.clone()),
+        (Some(0), whole)
+    );
+}
+
+#[test]
 fn names_that_meet_are_objects_of_their_own() {
     let home = tempfile::tempdir().unwrap();
     let home = home.path();

@@ -14,6 +14,9 @@ use std::time::Duration;
 /// Frames that are kept at most, and transforms of each: more come from no robot.
 const FRAMES: usize = 4096;
 const SAMPLES: usize = 1 << 16;
+/// A transform that is older by more than this than the newest of its frame comes of a clock that was set back; what overtakes each
+/// other on the way differs by milliseconds.
+const SET_BACK_NS: i64 = 500_000_000;
 
 /// How a frame stands in its parent.
 #[derive(Clone, Debug)]
@@ -27,6 +30,16 @@ enum Motion {
     Fixed(Isometry3<f64>),
     /// By time, nanoseconds, rising.
     Timed(VecDeque<(i64, Isometry3<f64>)>),
+}
+
+impl Edge {
+    /// Whether its transforms are of a time that has not come yet for a clock that stands at `now`, nanoseconds.
+    fn is_ahead_of(&self, now: i64) -> bool {
+        match &self.motion {
+            Motion::Fixed(_) => false,
+            Motion::Timed(samples) => samples.back().is_some_and(|newest| newest.0 > now.saturating_add(SET_BACK_NS)),
+        }
+    }
 }
 
 /// What is known of the frames.
@@ -45,7 +58,7 @@ impl Transforms {
     }
 
     /// Takes in a message of `/tf`, or of `/tf_static` where it is `fixed`. What cannot be used is left out, and told the first
-    /// time.
+    /// time. Where the clock was set back, the transforms of before are forgotten.
     pub fn take(&mut self, message: &TFMessage, fixed: bool) -> Vec<String> {
         let mut complaints = Vec::new();
         for transform in &message.transforms {
@@ -69,19 +82,24 @@ impl Transforms {
             return Err("a frame in itself, left out".to_owned());
         }
         let pose = transform.transform.rigid().map_err(|why| format!("{why}, left out"))?;
+        let (at, mut said) = (transform.header.stamp.nanoseconds(), Ok(()));
+        if !fixed && self.edges.get(&child).is_some_and(|edge| edge.is_ahead_of(at)) {
+            // A recording that begins anew, or a simulator's clock set back: for all frames. What has come since then is not ahead.
+            self.edges.retain(|_, edge| !edge.is_ahead_of(at));
+            said = Err("time jumped back: earlier transforms are discarded".to_owned());
+        }
         if self.edges.len() >= FRAMES && !self.edges.contains_key(&child) {
             return Err(format!("more than {FRAMES} frames, left out"));
         }
         let known = self.edges.entry(child).or_insert_with(|| Edge { parent: parent.clone(), motion: empty(fixed) });
-        let mut said = Ok(());
         if known.parent != parent {
             said = Err(format!("its parent was {:?} before: earlier transforms are discarded", known.parent));
             *known = Edge { parent, motion: empty(fixed) };
         }
         match &mut known.motion {
             motion if fixed => *motion = Motion::Fixed(pose),
-            Motion::Fixed(_) => known.motion = Motion::Timed(VecDeque::from([(stamp(transform), pose)])),
-            Motion::Timed(samples) => said = said.and(insert(samples, stamp(transform), pose, self.kept_ns)),
+            Motion::Fixed(_) => known.motion = Motion::Timed(VecDeque::from([(at, pose)])),
+            Motion::Timed(samples) => insert(samples, at, pose, self.kept_ns),
         }
         said
     }
@@ -97,27 +115,12 @@ pub fn plain(frame: &str) -> &str {
     frame.strip_prefix('/').unwrap_or(frame)
 }
 
-fn stamp(transform: &TransformStamped) -> i64 {
-    transform.header.stamp.nanoseconds()
-}
-
 fn empty(fixed: bool) -> Motion {
     if fixed { Motion::Fixed(Isometry3::identity()) } else { Motion::Timed(VecDeque::new()) }
 }
 
-fn insert(
-    samples: &mut VecDeque<(i64, Isometry3<f64>)>,
-    at: i64,
-    pose: Isometry3<f64>,
-    kept_ns: i64,
-) -> Result<(), String> {
-    let newest = samples.back().map(|s| s.0);
-    let mut said = Ok(());
-    if newest.is_some_and(|newest| at < newest.saturating_sub(kept_ns)) {
-        // A recording that begins anew, or a simulator's clock set back.
-        samples.clear();
-        said = Err("time jumped back: earlier transforms are discarded".to_owned());
-    }
+/// Sorts a transform in, and forgets what is older than `kept_ns` before the newest.
+fn insert(samples: &mut VecDeque<(i64, Isometry3<f64>)>, at: i64, pose: Isometry3<f64>, kept_ns: i64) {
     match samples.iter().rposition(|s| s.0 <= at) {
         Some(i) if samples[i].0 == at => samples[i].1 = pose,
         Some(i) => samples.insert(i + 1, (at, pose)),
@@ -127,7 +130,6 @@ fn insert(
     while samples.len() > SAMPLES || samples.front().is_some_and(|s| s.0 < newest.saturating_sub(kept_ns)) {
         samples.pop_front();
     }
-    said
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use crate::TrainError;
 use crate::augment::AugmentConfig;
 use crate::schedule::ScheduleConfig;
 use model::encode::{EncodeConfig, Fill, Normalisation, Orientation};
+use model::pc_nbv::MIN_POINTS;
 use model::{BenbvNetConfig, Precision};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
@@ -15,7 +16,7 @@ pub struct TrainConfig {
     /// Seed of every random stream.
     pub seed: u64,
     /// Data sets, one or several: each a directory that `datagen` made, or one with the authors' `.bin` files, or
-    /// such a file. Empty: the newest complete set under `runs/data`.
+    /// such a file. Empty: the newest complete set under `runs/data` that has training objects.
     #[serde(deserialize_with = "one_or_several")]
     pub data: Vec<PathBuf>,
     /// Passes over the training samples.
@@ -110,7 +111,7 @@ pub enum NetworkKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PcNbvConfig {
-    /// Points per cloud.
+    /// Points per cloud; at least 17, a point and its 16 neighbours.
     pub points: usize,
     /// Share of the surface that one unit of the network's output stands for.
     pub gain_unit: f64,
@@ -298,7 +299,7 @@ impl TrainConfig {
             ("loader.workers", self.loader.workers as u64, 0, 1024),
             ("episodes.objects", self.episodes.objects as u64, 0, 1 << 20),
             ("episodes.views", self.episodes.views as u64, 0, 10_000),
-            ("pc_nbv.points", self.pc_nbv.points as u64, 1, 1 << 20),
+            ("pc_nbv.points", self.pc_nbv.points as u64, MIN_POINTS as u64, 1 << 20),
             ("pc_nbv.objects", self.pc_nbv.objects as u64, 1, 1 << 20),
             ("pc_nbv.validation_objects", self.pc_nbv.validation_objects as u64, 1, 1 << 20),
             ("pc_nbv.starts", self.pc_nbv.starts as u64, 1, 10_000),
@@ -318,8 +319,8 @@ impl TrainConfig {
         }
         let o = &self.optimizer;
         let a = &self.augment;
-        let within = self.loss.within_decision;
-        let ranges: [(&'static str, f64, bool, &str); 15] = [
+        let (p, within) = (&self.pc_nbv, self.loss.within_decision);
+        let ranges: [(&'static str, f64, bool, &str); 19] = [
             ("loss.within_decision", within, within >= 0.0, "0 or more"),
             ("optimizer.learning_rate", o.learning_rate, o.learning_rate > 0.0, "a positive number"),
             ("optimizer.weight_decay", o.weight_decay, o.weight_decay >= 0.0, "0 or more"),
@@ -334,6 +335,10 @@ impl TrainConfig {
             ("augment.dropout", a.dropout, (0.0..1.0).contains(&a.dropout), "a share in [0, 1)"),
             ("augment.forget_cameras", a.forget_cameras, (0.0..=1.0).contains(&a.forget_cameras), "a share in [0, 1]"),
             ("augment.camera_error_deg", a.camera_error_deg, (0.0..=180.0).contains(&a.camera_error_deg), "0 to 180"),
+            ("pc_nbv.gain_unit", p.gain_unit, p.gain_unit > 0.0, "a positive number"),
+            ("pc_nbv.explore", p.explore, (0.0..=1.0).contains(&p.explore), "a share in [0, 1]"),
+            ("pc_nbv.distance_m", p.distance_m, p.distance_m > 0.0, "a length above 0"),
+            ("pc_nbv.tolerance_m", p.tolerance_m, p.tolerance_m > 0.0, "a length above 0"),
             (
                 "validation.fraction",
                 self.validation.fraction,

@@ -1,10 +1,13 @@
 //! The samples of a data set, split by object.
 
+mod leaks;
+
 use crate::TrainError;
 use formats::frame_history::Frame;
 use formats::{Manifest, ObjectRecord, ObjectStatus, Sample, ShardReader, Split};
 use geometry::density::densities;
 use geometry::rng::stream;
+use leaks::Named;
 use planning::CandidateView;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
@@ -25,15 +28,6 @@ pub struct Dataset {
     train: Vec<Place>,
     validation: Vec<Place>,
     objects: Vec<Named>,
-}
-
-/// An object of a set and what it is for there.
-#[derive(Clone, Debug)]
-struct Named {
-    /// Tells objects apart over several sets.
-    identity: String,
-    split: Split,
-    set: PathBuf,
 }
 
 #[derive(Debug)]
@@ -81,7 +75,7 @@ impl Dataset {
     ///
     /// # Errors
     ///
-    /// As [`Dataset::open`]; no set at all.
+    /// As [`Dataset::open`]; no set at all; an object that one set holds out and another trains on.
     pub fn open_all(paths: &[PathBuf], fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
         let mut real = BTreeMap::new();
         for path in paths {
@@ -93,29 +87,8 @@ impl Dataset {
         let mut sets = paths.iter().map(|path| Self::open(path, fraction, seed));
         let first = sets.next().ok_or_else(|| TrainError::NoData { searched: "no data set is named".into() })??;
         let all = sets.try_fold(first, |joined, set| set.map(|set| joined.join(set)))?;
-        all.check_splits()?;
+        leaks::check(&all.objects)?;
         Ok(all)
-    }
-
-    /// Objects are split, never samples: what one set holds out, another must not train on.
-    fn check_splits(&self) -> Result<(), TrainError> {
-        let mut trained = BTreeMap::new();
-        for object in self.objects.iter().filter(|o| o.split == Split::Train) {
-            trained.insert(&object.identity, object);
-        }
-        let both = |o: &&Named| o.split != Split::Train && trained.contains_key(&o.identity);
-        let Some(held) = self.objects.iter().find(both) else { return Ok(()) };
-        let (count, here) = (self.objects.iter().filter(both).count(), &trained[&held.identity].set);
-        let problem = format!(
-            "{} is for {} here and for training in {here:?} ({count} such objects)",
-            held.identity,
-            if held.split == Split::Test { "test" } else { "validation" }
-        );
-        Err(unfit(
-            &held.set,
-            problem,
-            "make the sets with the same --seed and validation_share, or from different objects",
-        ))
     }
 
     fn join(mut self, other: Dataset) -> Dataset {
@@ -144,22 +117,29 @@ impl Dataset {
         );
         // Objects of a built-in family differ with its seed; those of other sets are known by name.
         let family = if manifest.dataset == "procedural" { format!(", seed {}", manifest.seed) } else { String::new() };
-        let named = |record: &ObjectRecord, split: Split| Named {
-            identity: format!("{:?} of {}{family}", record.object, manifest.dataset),
-            split,
+        let named = |record: &ObjectRecord| Named {
+            name: format!("{:?} of {}{family}", record.object, manifest.dataset),
+            mesh: String::new(),
+            split: record.split,
             set: path.to_path_buf(),
         };
-        let mut objects: Vec<Named> = manifest.objects.iter().map(|r| named(r, r.split)).collect();
-        let open = |split: Split| -> Result<Vec<(usize, Source)>, TrainError> {
-            let records: Vec<usize> = (0..objects.len()).filter(|&i| manifest.objects[i].split == split).collect();
-            let opened = records.into_par_iter().filter_map(|i| {
-                let reader = manifest.open(path, &manifest.objects[i]).map_err(TrainError::from).transpose()?;
-                Some(reader.map(|reader| (i, Source::Shard(Box::new(reader)))))
+        // Nothing is held out or trained on of what was skipped.
+        let done = |record: &&ObjectRecord| matches!(record.status, ObjectStatus::Done { .. });
+        let records: Vec<&ObjectRecord> = manifest.objects.iter().filter(done).collect();
+        let mut objects: Vec<Named> = records.iter().copied().map(named).collect();
+        let open = |split: Split| -> Result<Vec<(usize, ShardReader)>, TrainError> {
+            let wanted: Vec<usize> = (0..records.len()).filter(|&i| records[i].split == split).collect();
+            let opened = wanted.into_par_iter().filter_map(|i| {
+                let reader = manifest.open(path, records[i]).map_err(TrainError::from).transpose()?;
+                Some(reader.map(|reader| (i, reader)))
             });
             opened.collect()
         };
         let mut train = open(Split::Train)?;
         let mut validation = open(Split::Validation)?;
+        for (i, reader) in train.iter().chain(&validation) {
+            objects[*i].mesh.clone_from(&reader.metadata().mesh);
+        }
         if validation.is_empty() {
             let held = held_out(train.len(), fraction, seed);
             let (mut kept, mut out) = (Vec::new(), Vec::new());
@@ -169,7 +149,9 @@ impl Dataset {
             out.iter().for_each(|&(i, _)| objects[i].split = Split::Validation);
             (train, validation) = (kept, out);
         }
-        let sources = |list: Vec<(usize, Source)>| list.into_iter().map(|(_, source)| source).collect();
+        let sources = |list: Vec<(usize, ShardReader)>| {
+            list.into_iter().map(|(_, reader)| Source::Shard(Box::new(reader))).collect()
+        };
         Self::new(path, name, sources(train), sources(validation), objects)
     }
 
@@ -187,8 +169,8 @@ impl Dataset {
         let (mut train, mut validation, mut named) = (Vec::new(), Vec::new(), Vec::new());
         for (i, (source, file)) in objects.into_iter().zip(&files).enumerate() {
             let split = if held.contains(&i) { Split::Validation } else { Split::Train };
-            let identity = format!("{:?} of frame-history", file.file_stem().unwrap_or_default());
-            named.push(Named { identity, split, set: path.to_path_buf() });
+            let name = format!("{:?} of frame-history", file.file_stem().unwrap_or_default());
+            named.push(Named { name, mesh: String::new(), split, set: path.to_path_buf() });
             if split == Split::Validation { validation.push(source) } else { train.push(source) }
         }
         Self::new(path, format!("{} frame histories", files.len()), train, validation, named)
@@ -313,33 +295,34 @@ fn frame_sample(object: &str, index: usize, frame: Frame) -> Sample {
     }
 }
 
-/// The newest complete set in `base`.
+/// The newest complete set in `base` that has objects to train on: a test half has none.
 ///
 /// # Errors
 ///
 /// None there: says what was found instead.
 pub fn newest_set(base: &Path) -> Result<PathBuf, TrainError> {
-    let mut sets = Vec::new();
-    let mut incomplete = Vec::new();
+    let trains =
+        |o: &ObjectRecord| o.split == Split::Train && matches!(o.status, ObjectStatus::Done { samples: 1.., .. });
+    let (mut sets, mut others) = (Vec::new(), Vec::new());
     for entry in std::fs::read_dir(base).into_iter().flatten().flatten() {
         let path = entry.path();
         let Ok(manifest) = Manifest::read(&path) else {
             continue;
         };
-        if missing(&manifest) > 0 || manifest.num_samples() == 0 {
-            incomplete.push(path);
+        if missing(&manifest) > 0 || !manifest.objects.iter().any(trains) {
+            others.push(path);
         } else {
             let made = std::fs::metadata(path.join(formats::manifest::MANIFEST)).and_then(|m| m.modified()).ok();
             sets.push((made, path));
         }
     }
     sets.sort();
-    incomplete.sort();
+    others.sort();
     sets.pop().map(|(_, path)| path).ok_or_else(|| {
-        let searched = if incomplete.is_empty() {
+        let searched = if others.is_empty() {
             format!("no data set in {base:?}")
         } else {
-            format!("no complete data set in {base:?}, only unfinished ones: {incomplete:?}")
+            format!("no data set to train on in {base:?}, only unfinished ones or without training objects: {others:?}")
         };
         TrainError::NoData { searched }
     })

@@ -50,7 +50,7 @@ struct TrainArgs {
     /// benbv-net, or its rival pc-nbv (which generates its own data) [default: benbv-net]
     #[arg(long, value_name = "KIND")]
     network: Option<String>,
-    /// Data set; repeat it to join several [default: the newest complete one under runs/data]
+    /// Data set; repeat it to join several [default: the newest complete one with training objects under runs/data]
     #[arg(long, value_name = "DIR")]
     data: Vec<PathBuf>,
     /// Directory of the run; an existing run is resumed [default: runs/train/<time>]

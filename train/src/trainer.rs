@@ -84,7 +84,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
     }
     checkpoint::remove_partial(run.dir);
     let mut schedule = fresh.with_state(state.schedule);
-    let mut watch = Watch::open(run.dir, state.step, total_steps, config.epochs, run.quiet)?;
+    let mut watch = Watch::open(run.dir, (state.step, state.epoch), total_steps, config.epochs, run.quiet)?;
     let mut info = Checkpoint::new::<T::Net>(task.network(), task.encode());
     info.provenance = run.provenance.clone();
     if run.resume {

@@ -27,6 +27,11 @@ fn wrong_use_is_explained() {
     assert!(say(&["--device", "abacus", "--data", "."]).contains("abacus"));
     assert!(say(&["--data", "."]).contains("no data in it"));
     assert!(say(&["--network", "pc-nbv", "--data", "."]).contains("generates its own data"));
+    let text = say(&["--network", "pc-nbv", "--set", "pc_nbv.points=16"]);
+    assert!(
+        text.contains("setting pc_nbv.points = 16: expected at least 17") && !text.contains("simulating"),
+        "{text}"
+    );
     assert!(say(&["--lr", "-1"]).contains("optimizer.learning_rate = -1"));
     assert!(say(&["--resume", "--config", "a.toml"]).contains("cannot be used with"));
     common::plain_set(&tmp.path().join("data"), 2, 1);

@@ -56,6 +56,28 @@ fn a_checkpoint_carries_the_figures_of_its_own_weights_or_none() {
     assert_eq!(figures(&dir.join("best")), (best.step, Some(format!("{:.4}", best.valid_loss))));
 }
 
+/// A run that is killed after its last step's save and an epoch's record, before the save of the epoch.
+#[test]
+fn an_epoch_is_recorded_once_wherever_a_run_was_killed() {
+    let _turn = one_at_a_time();
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let (data, dir) = (tmp.path().join("data"), tmp.path().join("run"));
+    plain_set(&data, 9, 2); // 36 samples, 5 steps an epoch
+    let mut config = tiny_config();
+    config.epochs = 3;
+    run_until(&config, &data, &dir, false, 10).expect("trained");
+    let latest = dir.join("latest");
+    let mut state = train::checkpoint::load_state(&latest).expect("a state");
+    assert_eq!((state.step, state.epoch, state.step_in_epoch), (10, 2, 0));
+    (state.epoch, state.step_in_epoch, state.loss_sum, state.loss_samples) = (1, 5, 3.6, 36);
+    std::fs::write(latest.join("training.toml"), toml::to_string(&state).expect("TOML")).expect("written");
+    std::fs::remove_file(latest.join("SHA256SUMS")).expect("removed");
+    let all = run_until(&config, &data, &dir, true, u64::MAX).expect("trained");
+    assert_eq!(all.epochs.iter().map(|e| (e.epoch, e.step)).collect::<Vec<_>>(), [(0, 5), (1, 10), (2, 15)]);
+    let log = std::fs::read_to_string(dir.join("log.jsonl")).expect("a log");
+    assert_eq!(log.matches("\"kind\":\"epoch\"").count(), 3, "{log}");
+}
+
 #[test]
 fn an_epoch_in_which_nothing_was_learnt_ends_the_run() {
     let _turn = one_at_a_time();

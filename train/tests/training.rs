@@ -312,6 +312,44 @@ fn shards_of_another_set_and_held_out_objects_are_refused() {
     assert!(text.contains("damaged") && text.contains("a.safetensors"), "{text}");
 }
 
+/// Says in an object's shard which mesh it was made from.
+fn note_mesh(set: &Path, object: &str, mesh: &str) {
+    let path = set.join(format!("{object}.safetensors"));
+    let reader = formats::ShardReader::open(&path).expect("opened");
+    let metadata = formats::ShardMetadata { mesh: mesh.into(), ..reader.metadata().clone() };
+    let mut writer = formats::ShardWriter::new(metadata, formats::CloudPrecision::F32);
+    (0..reader.len()).for_each(|i| writer.push(&reader.sample(i).expect("read")).expect("pushed"));
+    writer.write(&path).expect("written");
+}
+
+#[test]
+fn objects_of_joined_sets_are_told_apart_by_their_meshes_and_skipped_ones_do_not_count() {
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let (first, second) = (tmp.path().join("first"), tmp.path().join("second"));
+    let one = |name: &str| vec![sample(name, 0, 8)];
+    write_set(&first, &[("a", Split::Train, one("a")), ("held", Split::Validation, one("held"))]);
+    let objects =
+        [("held", Split::Train, one("held")), ("b", Split::Train, one("b")), ("c", Split::Validation, one("c"))];
+    write_set(&second, &objects);
+    let open = || Dataset::open_all(&[first.clone(), second.clone()], 0.2, 1).map_err(|error| error.to_string());
+    let text = open().expect_err("nothing is known of the meshes");
+    assert!(text.contains("make the sets with the same objects, seed and validation_share"), "{text}");
+    note_mesh(&first, "held", "0123456789abcdef");
+    open().expect_err("one of them is known");
+    note_mesh(&second, "held", "0123456789abcdee");
+    open().expect("other objects of one name");
+    note_mesh(&second, "b", "0123456789abcdef");
+    let text = open().expect_err("the same mesh by another name");
+    assert!(text.contains("\"held\" of synthetic is for validation here and for training as \"b\" of"), "{text}");
+
+    // What was skipped is not trained on.
+    write_set(&second, &objects);
+    let mut manifest = formats::Manifest::read(&second).expect("a manifest");
+    manifest.objects[0].status = formats::ObjectStatus::Skipped { reason: "no area".into() };
+    manifest.write(&second).expect("written");
+    assert_eq!(open().expect("only skipped there").num_train(), 2);
+}
+
 #[test]
 fn every_flipped_bit_of_a_run_is_noticed() {
     let _turn = one_at_a_time();
@@ -369,6 +407,14 @@ fn unusable_data_is_explained() {
         tmp.path().join("old"),
         "unfinished: passed over"
     );
+    let halves = tmp.path().join("halves");
+    write_set(&halves.join("test"), &[("x", Split::Test, vec![sample("x", 0, 8)])]);
+    let text = train::data::newest_set(&halves).expect_err("a test half").to_string();
+    assert!(text.contains("without training objects") && text.contains("halves/test"), "{text}");
+    plain_set(&halves.join("train"), 2, 1);
+    std::thread::sleep(std::time::Duration::from_millis(20));
+    write_set(&halves.join("test"), &[("x", Split::Test, vec![sample("x", 0, 8)])]);
+    assert_eq!(train::data::newest_set(&halves).expect("one to train on"), halves.join("train"));
     let text = Dataset::open(&tmp.path().join("new"), 0.2, 1).expect_err("unfinished").to_string();
     assert!(text.contains("1 of 3 objects are missing"), "{text}");
 }

@@ -58,6 +58,72 @@ fn files_of_one_name_and_sets_of_another_kind_are_refused() {
     assert_eq!(std::fs::read_dir(&run).unwrap().count(), 1, "nothing is added to it");
 }
 
+/// The manifest and the shards of an imported set, by their names.
+fn contents(set: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let shards = std::fs::read_dir(set.join("shards")).unwrap().map(|entry| entry.unwrap().path());
+    let files = shards.chain([set.join("manifest.json")]);
+    files.map(|path| (path.strip_prefix(set).unwrap().to_owned(), std::fs::read(&path).unwrap())).collect()
+}
+
+/// Frame histories of these names in a directory, each with so many frames.
+fn histories(home: &Path, names: &[(&str, usize)]) -> Vec<PathBuf> {
+    let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/frame_history.bin"));
+    let frames = read_frame_history(source).unwrap();
+    let write = |&(name, count): &(&str, usize)| {
+        let path = home.join(name);
+        write_frame_history(&path, &frames[..count]).unwrap();
+        path
+    };
+    names.iter().map(write).collect()
+}
+
+#[test]
+fn a_further_import_adds_to_the_set_as_if_all_had_come_at_once() {
+    let home = tempfile::tempdir().unwrap();
+    let files = histories(home.path(), &[("a.bin", 3), ("b.bin", 2), ("c.bin", 1)]);
+    let set = |name: &str| home.path().join(name);
+    let import = |files: &[PathBuf], name: &str| import(files, &set(name), 0.5, 4, "none").unwrap();
+    let whole = import(&files, "whole");
+    assert_eq!((whole.objects.len(), whole.num_samples()), (3, 6));
+    // Two of three are for validation, but none of one: in one of the orders at least, one of the first changes sides.
+    for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1]] {
+        let name = format!("by-{}", order[0]);
+        for (count, file) in order.into_iter().enumerate() {
+            let manifest = import(&files[file..=file], &name);
+            assert_eq!(manifest.objects.len(), count + 1, "none is dropped");
+            assert!(crate::verify::verify(&set(&name)).unwrap().is_sound());
+        }
+        assert_eq!(contents(&set(&name)), contents(&set("whole")));
+    }
+    // Again the same ones, and one whose shard was deleted.
+    std::fs::remove_file(set("by-0").join("shards/b.safetensors")).unwrap();
+    assert_eq!(import(&files[..2], "by-0"), whole);
+    assert_eq!(contents(&set("by-0")), contents(&set("whole")));
+}
+
+#[test]
+fn what_does_not_belong_to_a_set_is_not_added_to_it() {
+    let home = tempfile::tempdir().unwrap();
+    let out = home.path().join("set");
+    import(&histories(home.path(), &[("a.bin", 3), ("b.bin", 3)]), &out, 0.5, 0, "none").unwrap();
+    let before = contents(&out);
+    let refused = |files: &[(&str, usize)], share: f64, seed: u64| {
+        let other = tempfile::tempdir().unwrap();
+        let text = import(&histories(other.path(), files), &out, share, seed, "none").expect_err("refused").to_string();
+        assert_eq!(contents(&out), before, "it is left as it was");
+        text
+    };
+    for (files, share, seed, word) in [
+        ([("c.bin", 1)], 0.5, 1, "was imported with --seed 0, not 1; give the same"),
+        ([("c.bin", 1)], 0.0, 0, "another --validation-share than 0: 1 of 2 objects are for validation; give the same"),
+        ([("a.bin", 2)], 0.5, 0, "a.safetensors\" was made from another file of this name; rename the file"),
+        ([("B.bin", 3)], 0.5, 0, "have the same name \"B\", ignoring case"),
+    ] {
+        let text = refused(&files, share, seed);
+        assert!(text.contains(word), "{text}");
+    }
+}
+
 fn becomes_a_set(bin: &Path) {
     let set = tempfile::tempdir().unwrap();
     let manifest = import(&[bin.to_owned()], set.path(), 0.2, 0, "none").unwrap();

@@ -91,27 +91,69 @@ fn a_circle_is_no_tree() {
     assert_eq!(known.lookup("x", "a", None).expect_err("a cycle"), TransformError::Circle { frame: "a".to_owned() });
 }
 
-#[test]
-fn late_ones_are_sorted_in_and_old_ones_forgotten() {
-    let mut known = Transforms::new(Duration::from_secs(60));
-    for second in [100, 102, 101] {
-        known.take(&transform("base", "flange", second * SECOND, &moved(second as f64, 0.0)), false);
-    }
-    let x = |known: &Transforms, at: i64| known.lookup("base", "flange", Some(at)).map(|f| f.pose.translation.x);
-    assert_eq!(x(&known, 101 * SECOND), Ok(101.0));
-    assert_eq!(x(&known, 101 * SECOND + SECOND / 2), Ok(101.5));
-    known.take(&transform("base", "flange", 161 * SECOND, &moved(161.0, 0.0)), false);
-    assert!(matches!(x(&known, 100 * SECOND), Err(TransformError::TooOld { .. })), "older than 60 s");
-    assert_eq!(x(&known, 101 * SECOND), Ok(101.0));
+/// Where `child` is at this time, milliseconds. By [`tell`], it is as many metres along x.
+fn told(known: &Transforms, child: &str, at_ms: i64) -> Result<f64, TransformError> {
+    known.lookup("base", child, Some(at_ms * SECOND / 1000)).map(|f| f.pose.translation.x)
+}
+
+fn tell(known: &mut Transforms, child: &str, at_ms: i64) -> Vec<String> {
+    known.take(&transform("base", child, at_ms * SECOND / 1000, &moved(at_ms as f64, 0.0)), false)
 }
 
 #[test]
-fn a_clock_set_back_begins_anew() {
+fn late_ones_are_sorted_in_and_old_ones_forgotten() {
+    let mut known = Transforms::new(Duration::from_secs(60));
+    for at in [100_000, 100_400, 100_200] {
+        assert_eq!(tell(&mut known, "flange", at), Vec::<String>::new());
+    }
+    assert_eq!(told(&known, "flange", 100_200), Ok(100_200.0));
+    assert_eq!(told(&known, "flange", 100_300), Ok(100_300.0));
+    tell(&mut known, "flange", 160_200);
+    assert!(matches!(told(&known, "flange", 100_000), Err(TransformError::TooOld { .. })), "older than 60 s");
+    assert_eq!(told(&known, "flange", 100_200), Ok(100_200.0));
+}
+
+#[test]
+fn a_clock_set_back_begins_anew_for_all_frames() {
+    for (end, start) in [(500_000, 3_000), (30_000, 1_000)] {
+        let mut known = robot();
+        // A publisher that is late by ten seconds, in either run.
+        for at in [end - 20, end] {
+            tell(&mut known, "flange", at);
+            tell(&mut known, "turntable", at);
+            tell(&mut known, "late", at - 10_000);
+        }
+        // New ones of others, the first of which is the first frame of the new run that is heard of.
+        tell(&mut known, "new", start);
+        let said = tell(&mut known, "flange", start + 20);
+        assert!(said[0].contains("time jumped back"), "{said:?}");
+        assert_eq!(told(&known, "flange", start + 20), Ok((start + 20) as f64));
+        for old in ["turntable", "late"] {
+            assert!(told(&known, old, start + 20).expect_err(old).to_string().contains("not in the tree"));
+            assert!(known.lookup("base", old, None).is_err(), "not even the newest");
+        }
+        // The next of other frames does not take away what is new.
+        for (child, at) in [("turntable", start + 40), ("late", start - 9_960), ("flange", start + 60)] {
+            assert_eq!(tell(&mut known, child, at), Vec::<String>::new(), "{child}");
+        }
+        assert_eq!(told(&known, "flange", start + 40), Ok((start + 40) as f64), "between two of the new run");
+        assert_eq!(told(&known, "turntable", start + 40), Ok((start + 40) as f64));
+        assert_eq!(told(&known, "new", start), Ok(start as f64));
+        near(&known.lookup("flange", "camera", None).expect("fixed ones stay").pose, &moved(0.5, 0.0));
+    }
+}
+
+#[test]
+fn a_straggler_of_before_takes_nothing_new_with_it() {
     let mut known = robot();
-    known.take(&transform("base", "flange", 500 * SECOND, &moved(5.0, 0.0)), false);
-    let said = known.take(&transform("base", "flange", 3 * SECOND, &moved(3.0, 0.0)), false);
-    assert!(said[0].contains("time jumped back"), "{said:?}");
-    near(&known.lookup("base", "flange", Some(3 * SECOND)).expect("known").pose, &moved(3.0, 0.0));
+    for (child, at) in
+        [("flange", 30_000), ("turntable", 30_000), ("flange", 1_000), ("turntable", 30_020), ("turntable", 1_010)]
+    {
+        tell(&mut known, child, at);
+    }
+    assert_eq!(told(&known, "flange", 1_000), Ok(1_000.0));
+    assert_eq!(told(&known, "turntable", 1_010), Ok(1_010.0));
+    assert!(told(&known, "turntable", 20_000).is_err());
 }
 
 #[test]

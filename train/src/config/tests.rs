@@ -17,7 +17,7 @@ fn data_is_a_path_or_several() {
 fn settings_out_of_range_are_named() {
     TrainConfig::default().validate().expect("defaults are valid");
     type Spoil = fn(&mut TrainConfig);
-    let cases: [(Spoil, &str); 8] = [
+    let cases: [(Spoil, &str); 10] = [
         (|c| c.loader.ready = 1_000_000_000_000, "setting loader.ready = 1000000000000: expected at most 1024"),
         (|c| c.batch = 0, "setting batch = 0: expected at least 1"),
         (|c| c.optimizer.learning_rate = f64::NAN, "optimizer.learning_rate"),
@@ -26,6 +26,8 @@ fn settings_out_of_range_are_named() {
         (|c| c.network.heads = 3, "heads"),
         (|c| c.accumulation = 1000, "at most the batch, 128"),
         (|c| c.schedule.factor = 0.0, "schedule.factor"),
+        (|c| c.pc_nbv.points = 16, "setting pc_nbv.points = 16: expected at least 17"),
+        (|c| c.pc_nbv.gain_unit = 0.0, "setting pc_nbv.gain_unit = 0: expected a positive number"),
     ];
     for (change, expected) in cases {
         let mut config = TrainConfig::default();

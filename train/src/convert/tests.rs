@@ -1,5 +1,5 @@
 use super::*;
-use model::{PcNbvModel, PcNbvNetConfig, pc_nbv::VIEWS};
+use model::{PcNbvModel, pc_nbv::VIEWS};
 use nalgebra::Point3;
 
 #[test]
@@ -42,6 +42,42 @@ fn small(folder: &Path, output: &str) -> ConvertArgs {
     let info = Checkpoint::new::<PcNbvNet>(config.clone(), EncodeConfig::default());
     checkpoint::save(&input, &config.init(&model::device::open("cpu").expect("cpu")), &info).expect("saved");
     ConvertArgs { input, output: folder.join(output), precision: Format::F16, config: None, set: Vec::new() }
+}
+
+#[test]
+fn weights_of_pc_nbv_come_back_from_a_file() {
+    let folder = tempfile::tempdir().expect("temp");
+    let place = |name: &str| folder.path().join(name);
+    let given = |input: &str, output: &str, set: &[&str]| {
+        let set = set.iter().map(|s| (*s).to_string()).collect();
+        ConvertArgs { input: place(input), output: place(output), precision: Format::F32, config: None, set }
+    };
+    convert(&ConvertArgs { precision: Format::F32, ..small(folder.path(), "net.safetensors") }).expect("exported");
+    let set = ["kind=pc-nbv", "pc_nbv.points=32", "pc_nbv.gain_unit=0.05"];
+    convert(&given("net.safetensors", "back", &set)).expect("imported");
+    let settings = place("pc.toml");
+    std::fs::write(&settings, "kind = \"pc-nbv\"\n[pc_nbv]\npoints = 32\ngain_unit = 0.05\n").expect("written");
+    let by_file = ConvertArgs { config: Some(settings), ..given("net.safetensors", "by-file", &[]) };
+    convert(&by_file).expect("imported");
+    let points: Vec<Point3<f64>> = (0..32).map(|i| Point3::new(f64::from(i * i % 7), f64::from(i % 5), 0.1)).collect();
+    let predict = |name: &str| {
+        let model = PcNbvModel::load(&place(name)).expect("loaded");
+        assert_eq!(model.checkpoint().network, PcNbvNetConfig { points: 32, gain_unit: 0.05 });
+        model.predict(&points, &[0.0; VIEWS]).expect("gains")
+    };
+    assert_eq!(predict("back"), predict("from"));
+    assert_eq!(predict("by-file"), predict("from"));
+
+    // Each kind of weights taken for the other.
+    let text = convert(&given("net.safetensors", "x", &[])).expect_err("PC-NBV's").to_string();
+    assert!(text.contains("it has the weights of pc-nbv, not of benbv-net; add --set kind=pc-nbv"), "{text}");
+    let net = BenbvNet::create(&BenbvNetConfig::tiny(), &model::device::open("cpu").expect("cpu")).expect("sizes");
+    checkpoint::export_pytorch(&net, &place("benbv.safetensors"), Precision::F32).expect("exported");
+    let text = convert(&given("benbv.safetensors", "x", &["kind=pc-nbv"])).expect_err("BENBV-Net's").to_string();
+    assert!(text.contains("it has the weights of benbv-net, not of pc-nbv; add --set kind=benbv-net"), "{text}");
+    let text = convert(&given("benbv.safetensors", "x", &[])).expect_err("other sizes").to_string();
+    assert!(text.contains("misshaped"), "{text}");
+    assert!(!place("x").exists());
 }
 
 #[test]

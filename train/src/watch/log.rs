@@ -14,9 +14,10 @@ pub struct Log {
 }
 
 impl Log {
-    /// Opens `path` for appending after `step` steps: records of later steps, left by a run that went on after
-    /// its last checkpoint, and a last line cut short by a crash are dropped. Returns the records kept.
-    pub fn open(path: &Path, step: u64) -> Result<(Log, Vec<Record>), TrainError> {
+    /// Opens `path` for appending after `step` steps, in epoch `epoch` (from 0): records of later steps and of the ends of this
+    /// epoch and later ones, left by a run that went on after its last checkpoint, and a last line cut short by a crash are
+    /// dropped. Returns the records kept.
+    pub fn open(path: &Path, step: u64, epoch: u32) -> Result<(Log, Vec<Record>), TrainError> {
         let text = match std::fs::read_to_string(path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
@@ -25,7 +26,7 @@ impl Log {
         let kept: Vec<Record> = text
             .lines()
             .filter_map(|line| serde_json::from_str::<Record>(line).ok())
-            .filter(|r| r.step() <= step && step > 0)
+            .filter(|r| r.step() <= step && step > 0 && r.ended_epoch().is_none_or(|ended| ended < epoch))
             .collect();
         let mut whole = Vec::new();
         for record in &kept {
@@ -52,7 +53,7 @@ impl Log {
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::StepRecord;
+    use super::super::record::{EpisodesRecord, StepRecord};
     use super::*;
 
     fn step(step: u64) -> Record {
@@ -68,11 +69,15 @@ mod tests {
         })
     }
 
+    fn episodes(step: u64, epoch: u32) -> Record {
+        Record::Episodes(EpisodesRecord { step, epoch, episodes: 8, coverage: 0.9, views_to_90: 4.0, seconds: 1.0 })
+    }
+
     #[test]
     fn a_log_is_cut_back_to_the_checkpoint_it_resumes_from() {
         let dir = tempfile::tempdir().expect("temp dir");
         let path = dir.path().join("log.jsonl");
-        let (mut log, kept) = Log::open(&path, 0).expect("open");
+        let (mut log, kept) = Log::open(&path, 0, 0).expect("open");
         assert!(kept.is_empty());
         for i in 1..=5 {
             log.write(&step(i)).expect("write");
@@ -83,13 +88,20 @@ mod tests {
         let mut text = std::fs::read_to_string(&path).expect("read");
         text.push_str("{\"kind\":\"step\",\"st");
         std::fs::write(&path, text).expect("write");
-        let (mut log, kept) = Log::open(&path, 3).expect("open again");
+        let (mut log, kept) = Log::open(&path, 3, 0).expect("open again");
         assert_eq!(kept, [step(1), step(2), step(3)]);
         log.write(&step(4)).expect("write");
         log.flush().expect("flush");
-        let (_, kept) = Log::open(&path, 9).expect("open a third time");
+        let (mut log, kept) = Log::open(&path, 9, 0).expect("open a third time");
         assert_eq!(kept.len(), 4);
-        let (_, kept) = Log::open(&path, 0).expect("a fresh run");
+        // The end of an epoch is in a checkpoint only when the next one has begun there.
+        log.write(&episodes(4, 0)).expect("write");
+        log.flush().expect("flush");
+        let (_, kept) = Log::open(&path, 4, 1).expect("in the next epoch");
+        assert_eq!(kept[4..], [episodes(4, 0)]);
+        let (_, kept) = Log::open(&path, 4, 0).expect("after the last step of the epoch");
+        assert_eq!(kept.len(), 4, "its end comes again");
+        let (_, kept) = Log::open(&path, 0, 0).expect("a fresh run");
         assert!(kept.is_empty(), "a fresh run starts a fresh log");
     }
 }

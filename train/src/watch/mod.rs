@@ -32,9 +32,15 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Watches a run in `dir` that has done `step` of `total_steps`.
-    pub fn open(dir: &Path, step: u64, total_steps: u64, epochs: u32, quiet: bool) -> Result<Watch, TrainError> {
-        let (log, records) = Log::open(&dir.join("log.jsonl"), step)?;
+    /// Watches a run in `dir` that has done `step` of `total_steps` and is in epoch `epoch` (from 0) of `epochs`.
+    pub fn open(
+        dir: &Path,
+        (step, epoch): (u64, u32),
+        total_steps: u64,
+        epochs: u32,
+        quiet: bool,
+    ) -> Result<Watch, TrainError> {
+        let (log, records) = Log::open(&dir.join("log.jsonl"), step, epoch)?;
         let events = EventWriter::create(&dir.join("tensorboard"))?;
         let terminal = Terminal::new(total_steps, step, epochs, quiet);
         let watch =

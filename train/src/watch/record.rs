@@ -32,6 +32,15 @@ impl Record {
             Record::Message { step, .. } => *step,
         }
     }
+
+    /// The epoch, from 0, at whose end it was written: after its last step.
+    pub fn ended_epoch(&self) -> Option<u32> {
+        match self {
+            Record::Epoch(r) => Some(r.epoch),
+            Record::Episodes(r) => Some(r.epoch),
+            Record::Step(_) | Record::Message { .. } => None,
+        }
+    }
 }
 
 /// One optimizer step.

@@ -75,6 +75,8 @@ pub fn again_and_again(device: &str, most: usize, apart: f32) -> usize {
     assert_eq!(load_state(&latest).expect("a state").step, 48);
     assert_eq!(a.len(), b.len());
     assert!(worst <= apart, "a killed and resumed run must end like one left alone: {worst:e} apart");
+    let log = std::fs::read_to_string(out.join("log.jsonl")).expect("a log");
+    assert_eq!(log.matches("\"kind\":\"epoch\"").count(), 12, "each epoch once:\n{log}");
     let litter = std::fs::read_dir(&out).expect("a directory").flatten().map(|e| e.file_name());
     let litter: Vec<_> = litter.filter(|n| n.to_string_lossy().ends_with(".partial")).collect();
     assert!(litter.is_empty(), "{litter:?}");
