@@ -161,7 +161,8 @@ impl<'a> World<'a> {
     pub fn shoot(&self, camera: &mut ScanCamera, view: &View) -> Shot {
         let turns = self.session.config().turntable.is_some();
         let table_deg = turns.then(|| self.session.place(view).table.map(|table| table.stop_deg)).flatten();
-        Shot { table_deg, ..camera.take(view) }
+        let pose = self.session.camera_pose(view, table_deg);
+        Shot { table_deg, ..camera.take(view, &pose) }
     }
 
     /// Adds a scan. A scan without points shows planners what is empty.

@@ -1,4 +1,4 @@
-//! Calibrations of cameras as ROS, OpenCV, RealSense, Kalibr and Open3D write them, told apart by what stands in the file
+//! Calibrations of cameras as ROS, OpenCV, RealSense, Kalibr, Open3D and BOP write them, told apart by what stands in the file
 //! (docs/formats.md, 'Cameras').
 
 mod json;
@@ -17,10 +17,25 @@ pub struct CameraFile {
     pub intrinsics: [f64; 4],
     /// Its distortion.
     pub lens: Lens,
+    /// Metres per unit of its depth images where the file says so (BOP's `depth_scale`).
+    pub metres_per_unit: Option<f64>,
 }
 
-const EXPECTED: &str = "a calibration: ROS CameraInfo (YAML), OpenCV FileStorage (YAML), Kalibr's camchain (YAML), RealSense's or \
-                        Open3D's intrinsics (JSON)";
+const EXPECTED: &str = "a calibration: ROS CameraInfo (YAML), OpenCV FileStorage (YAML), Kalibr's camchain (YAML), RealSense's, \
+                        Open3D's or BOP's intrinsics (JSON)";
+
+/// Keys that the coefficients of a lens stand under.
+const COEFFICIENTS: [&str; 9] = [
+    "coeffs",
+    "distortion_coefficients",
+    "Distortion_Coefficients",
+    "distortion_coeffs",
+    "distortion",
+    "dist_coeffs",
+    "dist_coeff",
+    "distCoeffs",
+    "dist",
+];
 
 /// Reads a calibration; `FILE:NAME` takes one camera of several (Kalibr's `cam1`).
 ///
@@ -79,8 +94,26 @@ fn lens(path: &Path, model: &str, coefficients: &[f64]) -> Result<Lens, FormatEr
     Lens::named(model, coefficients).map_err(wrong)
 }
 
+/// Whether a key seems to name coefficients of a lens, rather than its model or a distance.
+fn may_be_coefficients(key: &str) -> bool {
+    let key = key.to_ascii_lowercase();
+    let other = ["model", "type", "distance"].iter().any(|word| key.contains(word));
+    (key.contains("dist") || key.contains("coef")) && !other
+}
+
+/// Coefficients that would be left out.
+fn unknown_coefficients(path: &Path, key: &str) -> FormatError {
+    let expected = format!("one of the keys {}, beside the camera matrix or fx", COEFFICIENTS.join(", "));
+    FormatError::syntax(
+        path,
+        Place::Part(key.to_owned()),
+        "coefficients of a lens under a key not known here",
+        expected,
+    )
+}
+
 /// The image's size, both or none.
-fn size(path: &Path, width: Option<f64>, height: Option<f64>) -> Result<Option<[u32; 2]>, FormatError> {
+pub(crate) fn size(path: &Path, width: Option<f64>, height: Option<f64>) -> Result<Option<[u32; 2]>, FormatError> {
     let (Some(width), Some(height)) = (width, height) else { return Ok(None) };
     let whole = |x: f64| (x.fract() == 0.0 && (1.0..=16_384.0).contains(&x)).then_some(x as u32);
     match (whole(width), whole(height)) {

@@ -6,6 +6,7 @@ mod npy;
 mod pcd;
 mod xyz;
 
+pub(crate) use columns::{Unit, has_marks, names, with_unit};
 pub(crate) use npy::read_array;
 
 pub use crate::ply::{ColoredPoint, write_ply, write_ply_scene};
@@ -32,6 +33,8 @@ pub struct CloudFile {
     pub viewpoint: Option<Isometry3<f64>>,
     /// The unit that the file names, metres.
     pub metres_per_unit: Option<f64>,
+    /// A unit that the file names and that is not known here: without another one its lengths cannot be told.
+    pub unknown_unit: Option<String>,
     /// What a user should know of how the file was read: what was guessed, what was left out.
     pub notes: Vec<String>,
 }

@@ -131,7 +131,8 @@ where
     Value::Table(table).try_into().map_err(|e| layer_error("settings".to_owned(), &e))
 }
 
-/// Settings with changes laid over them: JSON with tables for tables. `name` is what they are called in errors.
+/// Settings with changes laid over them: JSON with tables for tables, or null for one that is optional. `name` is what they are called
+/// in errors.
 ///
 /// # Errors
 /// An unknown key or a wrong type, by name.
@@ -139,22 +140,34 @@ pub fn overlaid<T>(base: &T, changes: serde_json::Value, name: &str) -> Result<T
 where
     T: Serialize + DeserializeOwned,
 {
-    let wrong = |e: serde_json::Error| format!("{name}: {e}");
-    let mut merged = serde_json::to_value(base).map_err(wrong)?;
-    merge_json(&mut merged, changes, name)?;
-    serde_json::from_value(merged).map_err(wrong)
+    let mut merged = serde_json::to_value(base).map_err(|e| format!("{name}: {e}"))?;
+    let mut removed = Vec::new();
+    merge_json(&mut merged, changes, name, &mut removed)?;
+    serde_json::from_value(merged).map_err(|e| match &removed[..] {
+        [] => format!("{name}: {e}"),
+        // The reason does not say which.
+        removed => format!("{name}: {e} (null was given for {})", removed.join(", ")),
+    })
 }
 
-/// Lays changes over `base`, which is known as `name`; what is an object there is one here.
-fn merge_json(base: &mut serde_json::Value, changes: serde_json::Value, name: &str) -> Result<(), String> {
+/// Lays changes over `base`, which is known as `name`; what is an object there is one here, or null, and named in `removed`.
+fn merge_json(
+    base: &mut serde_json::Value,
+    changes: serde_json::Value,
+    name: &str,
+    removed: &mut Vec<String>,
+) -> Result<(), String> {
     use serde_json::Value;
     match (base, changes) {
         (Value::Object(base), Value::Object(changes)) => changes.into_iter().try_for_each(|(key, value)| {
             let name = format!("{name}.{key}");
-            merge_json(base.entry(key).or_insert(Value::Null), value, &name)
+            merge_json(base.entry(key).or_insert(Value::Null), value, &name, removed)
         }),
-        (Value::Object(_), _) => Err(format!("{name}: expected an object of settings")),
+        (Value::Object(_), changes) if !changes.is_null() => Err(format!("{name}: expected an object of settings")),
         (base, changes) => {
+            if base.is_object() {
+                removed.push(name.to_owned());
+            }
             *base = changes;
             Ok(())
         }

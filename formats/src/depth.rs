@@ -54,6 +54,34 @@ pub fn parse_depth(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> R
     }
 }
 
+/// Metres per unit of BOP's depth images, which `depth_scale` makes millimetres of.
+pub(crate) fn bop_unit(path: &Path, place: Place, depth_scale: f64) -> Result<f64, FormatError> {
+    match depth_scale > 0.0 && depth_scale.is_finite() {
+        true => Ok(MILLIMETRES * depth_scale),
+        false => {
+            let found = format!("a depth_scale of {depth_scale}");
+            Err(FormatError::syntax(path, place, found, "a positive number: millimetres per unit of depth"))
+        }
+    }
+}
+
+/// What there is to say where the file of a camera tells the unit of `image`: which one counts, unless it is the usual one.
+/// `given` is the one that a user gave, known to him as `name`.
+pub fn told_unit(image: &Path, given: Option<f64>, told: Option<f64>, name: &str) -> Option<String> {
+    let told = told?;
+    let same = |unit: f64| (unit / told - 1.0).abs() < 1e-9;
+    match given {
+        Some(given) if same(given) => None,
+        Some(given) => Some(format!(
+            "the camera's file has depth in units of {told} m (depth_scale), but it was read in units of {given} m as {name} says"
+        )),
+        None if same(MILLIMETRES) && crate::extension(image) == "png" => None,
+        None => {
+            Some(format!("read in units of {told} m, as the camera's file says (depth_scale); {name} would replace it"))
+        }
+    }
+}
+
 fn parse_png(path: &Path, bytes: &[u8], metres_per_unit: Option<f64>) -> Result<DepthFile, FormatError> {
     let refuse = |e: png::DecodingError| {
         FormatError::syntax(path, Place::Part("image".to_owned()), e.to_string(), "a PNG image of 16-bit grey")
@@ -130,23 +158,26 @@ pub fn image(
             "integers of one byte are taken for millimetres, {most} at most: a picture of the depths? Give the depths as measured, or \
              the unit (--depth-unit, metres_per_unit, depth_unit_m of a sequence)"
         )),
-        _ => notes.extend(odd_unit(&depth, largest_integer.is_some()).filter(|_| metres_per_unit.is_none())),
+        _ => notes.extend(odd_unit(&depth, largest_integer.is_some(), metres_per_unit)),
     }
     notes.extend(far_mark(&depth));
     Ok(DepthFile { image: DepthImage { origin: [0, 0], size: [width, height], depth }, notes })
 }
 
-/// What is odd about the depths where their unit was guessed.
-fn odd_unit(depth: &[f32], integer: bool) -> Option<String> {
+/// What is odd about the depths in the unit that was given, or guessed.
+fn odd_unit(depth: &[f32], integer: bool, given: Option<f64>) -> Option<String> {
     let mut known: Vec<f32> = depth.iter().copied().filter(|&z| z > 0.0).collect();
     let middle = known.len() / 2;
     let (_, &mut median, _) = (!known.is_empty()).then(|| known.select_nth_unstable_by(middle, f32::total_cmp))?;
-    match integer {
-        false if median > 50.0 => Some(format!(
+    match (given, integer) {
+        (Some(unit), _) if median < 0.001 => Some(format!(
+            "half of the depths are below 1 mm in the given unit of {unit} m: are they in metres already?"
+        )),
+        (None, false) if median > 50.0 => Some(format!(
             "floats are read as metres, but half of the depths are above {median:.0} m: if they are millimetres, say so \
              (--depth-unit 0.001, metres_per_unit, depth_unit_m of a sequence)"
         )),
-        true if median < 0.02 => Some(format!(
+        (None, true) if median < 0.02 => Some(format!(
             "integers are read as millimetres, but half of the depths are below {:.0} mm: if the unit is different, say so \
              (--depth-unit, metres_per_unit, depth_unit_m of a sequence)",
             median * 1000.0 + 1.0

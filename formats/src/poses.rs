@@ -3,6 +3,7 @@
 
 mod colmap;
 mod conf;
+mod header;
 mod json;
 mod rows;
 
@@ -12,12 +13,16 @@ use planning::pose::rigid;
 use std::path::Path;
 
 /// A pose, and what its file says beside it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct FilePose {
     /// Camera +Z forward, metres.
     pub world_from_camera: Isometry3<f64>,
     /// fx, fy, cx, cy in pixels.
     pub intrinsics: Option<[f64; 4]>,
+    /// Columns and rows of the image that these are of, where the file says so.
+    pub size: Option<[u32; 2]>,
+    /// Metres per unit of the depth image, where the file says so (BOP's `depth_scale`).
+    pub metres_per_unit: Option<f64>,
     /// What the file calls it: an image, a scan, a frame.
     pub name: Option<String>,
     /// How far its rotation was off one: by more than rounding, and the nearest one was taken.
@@ -34,8 +39,8 @@ pub struct PoseFile {
 }
 
 const EXPECTED: &str = "JSON (a 4 x 4 matrix, {\"world_from_camera\": ...}, a list of those, BOP's scene_camera.json or \
-                        scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, lines of time x y z qx qy qz qw, \
-                        Open3D's .log, COLMAP's images.txt or Stanford's .conf";
+                        scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, one matrix per line (12 or 16 numbers), \
+                        lines of time x y z qx qy qz qw, Open3D's .log, COLMAP's images.txt or Stanford's .conf";
 
 /// Reads poses.
 ///
@@ -98,7 +103,7 @@ fn of_matrix(
     let found = |reason: String| reason.replace(ROWS[0], name).replace(" (the matrix is given row by row)", "");
     let (world_from_camera, off) =
         rigid(rows).map_err(|reason| FormatError::syntax(path, place, found(reason), expected))?;
-    Ok(FilePose { world_from_camera, intrinsics: None, name: None, off })
+    Ok(FilePose { world_from_camera, off, ..FilePose::default() })
 }
 
 /// Rotation (row by row) and translation of a file as a pose.

@@ -51,7 +51,7 @@ struct Described {
     tolerance_m: Option<f64>,
     region_m: Option<[[f64; 3]; 2]>,
     background: Option<bool>,
-    /// Of the depth images; absent: as [`crate::depth::read_depth`] tells them apart.
+    /// Of the depth images; absent: as the file of poses says, or [`crate::depth::read_depth`] tells them apart.
     depth_unit_m: Option<f64>,
     /// Poses of the cameras of scans that tell none themselves.
     poses: Option<String>,

@@ -86,7 +86,10 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
                     balls_of_box(&[[-0.5 * x, -0.5 * y, -0.5 * z], [0.5 * x, 0.5 * y, 0.5 * z]])
                 }
                 "mesh" => match mesh::collision_mesh(path, shape) {
-                    Ok(mesh) => balls_of_mesh(&mesh),
+                    Ok((mesh, note)) => {
+                        notes.extend(note.map(|note| format!("link {name}: {note}")));
+                        balls_of_mesh(&mesh)
+                    }
                     Err(why) => {
                         notes.push(format!("link {name}: {why}; collisions of this link are not checked"));
                         continue;

@@ -501,6 +501,13 @@ fn poses() {
     let row = |x: f64| format!("1 0 0 {x}\n0 0 -1 0.5\n0 1 0 0.25\n0 0 0 1\n");
     let made = [
         ("a.txt", row(1.0) + &row(2.0)),
+        ("kitti.txt", "1 0 0 1 0 0 -1 0.5 0 1 0 0.25\n1 0 0 2 0 1 0 0 0 0 1 0 0 0 0 1\n".to_owned()),
+        (
+            "euroc.csv",
+            "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n\
+             15,0.1,0.2,0.3,1,0,0,0\n"
+                .to_owned(),
+        ),
         ("a.tum", "1.5 0.1 0.2 0.3 0 0 0 1\n2.5 0.1 0.2 0.3 0.7071068 0 0 0.7071068\n".to_owned()),
         ("a.log", format!("0 0 1\n{}1 1 2\n{}", row(1.0), row(2.0))),
         ("images.txt", "# Image list\n#   IMAGE_ID, QW, ...\n1 1 0 0 0 1 2 3 1 a.png\n10.5 20.5 -1\n".to_owned()),

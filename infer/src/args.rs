@@ -72,7 +72,7 @@ pub struct Args {
     /// Camera pose of each depth image, or of each cloud
     ///
     /// tx,ty,tz,qx,qy,qz,qw in metres, or a file with one pose in any format accepted by --views-from; FILE:NAME or FILE:INDEX selects
-    /// one of several. For clouds it replaces --from.
+    /// one of several. For clouds it replaces --from, and places an organised cloud that is in its camera's frame.
     #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "FILE|NUMBERS", conflicts_with_all = ["object", "serve"])]
     pub pose: Vec<String>,
     /// Intrinsics of the depth images, in pixels
@@ -83,7 +83,7 @@ pub struct Args {
     /// Calibration file of the camera
     ///
     /// ROS CameraInfo, OpenCV FileStorage or Kalibr camchain (YAML; FILE:cam1 selects one of several), RealSense or Open3D intrinsics
-    /// (JSON). Depth images are undistorted with it, and the camera of the next scan has its size and focal length.
+    /// and BOP's camera.json (JSON). Depth images are undistorted with it, and the camera of the next scan has its size and focal length.
     #[arg(help_heading = SCANS, long, value_name = "FILE", conflicts_with_all = ["object", "intrinsics"])]
     pub camera: Option<String>,
     /// Pixels without a return: unknown or free (nothing there)
@@ -98,7 +98,7 @@ pub struct Args {
     pub unit: Option<Unit>,
     /// Metres per unit of the depth images
     ///
-    /// If it differs from the usual: millimetres for integers, metres for floats.
+    /// If it differs from the usual: millimetres for integers, metres for floats; or from depth_scale of BOP's files, which is read.
     #[arg(help_heading = SCANS, hide_short_help = true, long, value_name = "METRES", value_parser = length, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub depth_unit: Option<f64>,
     /// Turntable angle of each scan, degrees
@@ -123,7 +123,7 @@ pub struct Args {
     /// Choose only from the poses in this file
     ///
     /// For turntable stops and taught poses. JSON (4 x 4 matrices, objects with world_from_camera, BOP's scene_camera.json or
-    /// scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, TUM, Open3D's .log, COLMAP's images.txt. docs/formats.md says which
+    /// scene_gt.json, Open3D's trajectory), rows of 4 x 4 matrices, TUM, Open3D's .log, EuRoC, KITTI, COLMAP's images.txt. docs/formats.md says which
     /// direction each has.
     #[arg(help_heading = PLANNING, long, value_name = "FILE")]
     pub views_from: Option<PathBuf>,

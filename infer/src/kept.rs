@@ -4,11 +4,11 @@ use crate::args::Args;
 use crate::load::{self, Origin};
 use crate::request::{Ask, Body, cloud_body};
 use crate::service::{Entry, Method, Open, Service, ServiceConfig};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use planning::pose::Pose;
-use planning::{Network, SessionConfig};
+use planning::{Network, Scan, SessionConfig};
 use serde_json::json;
 use std::path::Path;
 
@@ -44,12 +44,21 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
         service.work(entry, open, ask, None, &service.patience(), spare)
     };
     work(Ask::Configure(Box::new(config.clone())))?;
-    for (path, body) in bodies {
+    for (before, (path, body)) in bodies.into_iter().enumerate() {
         let ask = Ask::parse(Method::AddScan, Body::Whole(&body), false, true);
-        let reply = ask.and_then(&mut work).with_context(|| format!("{path:?}"))?;
+        let place = || match before {
+            0 => format!("{path:?}"),
+            _ => format!("{path:?} (the {before} before it were added: repeat the command without them)"),
+        };
+        let reply = ask.and_then(&mut work).with_context(place)?;
         tracing::info!("{path:?}: {}", String::from_utf8_lossy(&reply.body));
     }
     Ok(())
+}
+
+/// What to know of a command that failed after that.
+pub fn added(folder: &Path) -> String {
+    format!("--session {folder:?}: the scans were added, so repeat the command without them; what failed")
 }
 
 /// The scans of the command line, as requests that hold their files.
@@ -60,7 +69,16 @@ fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, V
         // Errors are reported in full: the file is the user's.
         let given = args.from.get(i).copied();
         let loaded = match of_clouds.get(i) {
-            Some(pose) => load::cloud_from(path, args.unit, pose)?,
+            Some(pose) => {
+                let loaded = load::cloud_from(path, args.unit, pose)?;
+                if matches!(loaded.scan, Scan::Depth { .. }) && load::cloud(path, args.unit, None)?.scan != loaded.scan
+                {
+                    bail!(
+                        "{path:?}: --session cannot keep the --pose of an organised cloud in its camera's frame: write it into the file's VIEWPOINT"
+                    );
+                }
+                loaded
+            }
             None => load::cloud(path, args.unit, given)?,
         };
         let told = match (of_clouds.get(i), loaded.scan.camera_position()) {
@@ -84,7 +102,7 @@ fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, V
             "intrinsics": camera.intrinsics,
             "distortion": distortion,
             "world_from_camera": Pose::from(&world_from_camera).matrix,
-            "metres_per_unit": args.depth_unit, "misses": config.misses,
+            "metres_per_unit": args.depth_unit.or(camera.metres_per_unit), "misses": config.misses,
         });
         depth[if is_png { "png_base64" } else { "npy_base64" }] = bytes.into();
         let angle = args.table_angle_deg.get(args.scan.len() + i);

@@ -1,22 +1,22 @@
 //! From files to scans, and back: everything of the program that touches bytes goes through `formats`.
 
 mod organised;
+mod origin;
 mod poses;
 
+pub use origin::Origin;
 pub use poses::{PoseFile, poses, read_pose, rigid};
 
-use crate::args::numbers;
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
 use formats::FormatError;
 use formats::camera::CameraFile;
 use formats::cloud::{CloudFile, parse_cloud, read_cloud};
-use formats::depth::{DepthFile, parse_depth, read_depth};
+use formats::depth::{DepthFile, parse_depth, read_depth, told_unit};
 use geometry::{Lens, PinholeCamera, Undistorted, undistort_depth};
 use nalgebra::{Isometry3, Point3};
-use organised::depth_of_organised;
+use organised::Organised;
 use planning::{NoReturn, Reading, Scan};
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A scan, and what there is to say of how it was read.
@@ -28,10 +28,11 @@ pub struct Loaded {
     pub reading: Reading,
 }
 
-/// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera. Without `unit`, the
-/// unit that the file names holds, or metres. `from`, the camera's position in the unit of the cloud, if it is known.
+/// A cloud from a file: a depth image where the file is organised and its pixels prove a pinhole camera, which the file's own pose places
+/// where the points are in the camera's frame. Without `unit`, the unit that the file names holds, or metres. `from`, the camera's position
+/// in the unit of the cloud, if it is known.
 pub fn cloud(path: &Path, unit: Option<Unit>, from: Option<Origin>) -> Result<Loaded> {
-    Ok(from_cloud_file(read_cloud(path)?, unit).seen_from(from, unit))
+    Ok(from_cloud_file(in_known_unit(path, read_cloud(path)?, unit)?, unit).seen_from(from, unit))
 }
 
 /// Largest file that a request may name, bytes.
@@ -52,6 +53,9 @@ pub fn named_bytes(path: &Path) -> Result<Vec<u8>> {
 /// [`cloud`] of such a file. Who asks need not be allowed to see it: what is in it shows in no error.
 pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<Origin>) -> Result<Loaded> {
     match parse_cloud(path, bytes) {
+        Ok(file) if file.unknown_unit.is_some() && unit.is_none() => {
+            bail!("{path:?}: the unit that its columns name is not known: give the unit, m or mm")
+        }
         Ok(file) => Ok(from_cloud_file(file, unit).seen_from(from, unit)),
         Err(error @ FormatError::UnknownType { .. }) => Err(error.into()),
         Err(_) => {
@@ -62,10 +66,35 @@ pub fn named_cloud(path: &Path, bytes: &[u8], unit: Option<Unit>, from: Option<O
 
 /// [`cloud`] from bytes; the extension of the name determines the format.
 pub fn cloud_bytes(name: &str, bytes: &[u8], unit: Option<Unit>, from: Option<Origin>) -> Result<Loaded> {
-    Ok(from_cloud_file(parse_cloud(name.as_ref(), bytes)?, unit).seen_from(from, unit))
+    let file = in_known_unit(name.as_ref(), parse_cloud(name.as_ref(), bytes)?, unit)?;
+    Ok(from_cloud_file(file, unit).seen_from(from, unit))
 }
 
-fn from_cloud_file(mut file: CloudFile, unit: Option<Unit>) -> Loaded {
+/// Refuses a unit that nobody knows, unless another is given.
+fn in_known_unit(path: &Path, file: CloudFile, unit: Option<Unit>) -> Result<CloudFile> {
+    if let (Some(found), None) = (&file.unknown_unit, unit) {
+        bail!("{path:?}: the unit [{found}] of its columns is not known: give --unit (unit in a request), m or mm");
+    }
+    Ok(file)
+}
+
+fn from_cloud_file(file: CloudFile, unit: Option<Unit>) -> Loaded {
+    let (file, mut reading) = in_metres(file, unit);
+    let Some(seen) = Organised::of(&file) else {
+        let from = file.viewpoint.map(|pose| Point3::from(pose.translation.vector));
+        return Loaded { scan: Scan::Cloud { cloud: file.cloud, from }, reading };
+    };
+    let placed = file.viewpoint.filter(|_| seen.in_sensor_frame());
+    if placed.is_some() {
+        let why = "its pixels prove a camera at the origin of its points";
+        reading.notes.push(format!("{why}: its VIEWPOINT was taken for the pose of that camera"));
+    }
+    let world_from_camera = placed.unwrap_or(seen.pose);
+    Loaded { scan: seen.scan(world_from_camera), reading }
+}
+
+/// A file as it was read, in metres.
+fn in_metres(mut file: CloudFile, unit: Option<Unit>) -> (CloudFile, Reading) {
     let mut notes = std::mem::take(&mut file.notes);
     let metres = unit.map(Unit::metres).or(file.metres_per_unit).unwrap_or(1.0);
     match (unit, file.metres_per_unit) {
@@ -84,19 +113,7 @@ fn from_cloud_file(mut file: CloudFile, unit: Option<Unit>) -> Loaded {
         }
     }
     notes.extend(leave_out_camera(&mut file));
-    let reading = Reading { notes, metres_per_unit: Some(metres), table_angle_deg: None };
-    let poses = file.viewpoint.into_iter().chain([Isometry3::identity()]);
-    if let Some(grid) = &file.grid {
-        for pose in poses {
-            if let Some((camera, depth)) = depth_of_organised(&file.cloud.points, grid, &pose) {
-                // Sensors that write organised clouds leave out what they failed on, too.
-                let scan = Scan::Depth { camera, depth, world_from_camera: pose, misses: NoReturn::Unknown };
-                return Loaded { scan, reading };
-            }
-        }
-    }
-    let from = file.viewpoint.map(|pose| Point3::from(pose.translation.vector));
-    Loaded { scan: Scan::Cloud { cloud: file.cloud, from }, reading }
+    (file, Reading { notes, metres_per_unit: Some(metres), table_angle_deg: None })
 }
 
 /// Leaves out the points of an organised cloud that lie where its sensor was: (0, 0, 0) of pixels without a return, moved
@@ -112,57 +129,6 @@ fn leave_out_camera(file: &mut CloudFile) -> Option<String> {
         file.cloud = planning::thin::select(&file.cloud, &kept);
     }
     (left_out > 0).then(|| format!("{left_out} points at the sensor's position are treated as pixels without a return"))
-}
-
-/// Where a cloud was measured from, in the unit of its numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
-#[serde(
-    untagged,
-    expecting = "the camera's position, [x, y, z], or two points of a line scanner's path, [[x, y, z], [x, y, z]]"
-)]
-pub enum Origin {
-    /// The camera's position.
-    Point([f64; 3]),
-    /// Two points of the straight path of a line scanner.
-    Path([[f64; 3]; 2]),
-}
-
-impl Origin {
-    /// `x,y,z`, or `x,y,z..x,y,z`.
-    ///
-    /// # Errors
-    /// What was expected.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        match text.split_once("..") {
-            None => Ok(Self::Point(numbers(text)?)),
-            Some((first, last)) if first.trim() == last.trim() => Err("a path needs two different points".to_owned()),
-            Some((first, last)) => Ok(Self::Path([numbers(first)?, numbers(last)?])),
-        }
-    }
-
-    /// The position, or the middle of the path, metres.
-    pub fn middle(&self, metres_per_unit: f64) -> Point3<f64> {
-        match self {
-            Self::Point(p) => Point3::from(*p) * metres_per_unit,
-            Self::Path([a, b]) => nalgebra::center(&Point3::from(*a), &Point3::from(*b)) * metres_per_unit,
-        }
-    }
-
-    /// The path, metres.
-    pub fn path(&self, metres_per_unit: f64) -> Option<[Point3<f64>; 2]> {
-        match self {
-            Self::Point(_) => None,
-            Self::Path(path) => Some(path.map(|p| Point3::from(p) * metres_per_unit)),
-        }
-    }
-
-    /// Every position in it.
-    pub fn positions(&self) -> &[[f64; 3]] {
-        match self {
-            Self::Point(p) => std::slice::from_ref(p),
-            Self::Path(path) => path,
-        }
-    }
 }
 
 impl Loaded {
@@ -183,11 +149,10 @@ impl Loaded {
             Scan::Depth { world_from_camera, .. } => {
                 let proven = Point3::from(world_from_camera.translation.vector);
                 if (proven - given).norm() > 1e-3 {
-                    let triple = |p: Point3<f64>| format!("({:.3}, {:.3}, {:.3})", p.x, p.y, p.z);
                     self.reading.notes.push(format!(
                         "an organised cloud whose pixels prove a camera at {}: the given position, {}, is ignored",
-                        triple(proven),
-                        triple(given)
+                        triple(&proven),
+                        triple(&given)
                     ));
                 }
             }
@@ -199,10 +164,11 @@ impl Loaded {
 /// Takes the camera's position given in place of the one that the file tells; said where they are not the same.
 fn replace_position(from: &mut Option<Point3<f64>>, given: Point3<f64>) -> Option<String> {
     let told = from.replace(given).filter(|told| (told - given).norm() > 1e-3)?;
-    Some(format!(
-        "the file has its camera at ({:.3}, {:.3}, {:.3}) m: the position given was used instead",
-        told.x, told.y, told.z
-    ))
+    Some(format!("the file has its camera at {} m: the position given was used instead", triple(&told)))
+}
+
+fn triple(p: &Point3<f64>) -> String {
+    format!("({:.3}, {:.3}, {:.3})", p.x, p.y, p.z)
 }
 
 /// The camera of a depth image as it is calibrated.
@@ -214,11 +180,13 @@ pub struct DepthCamera {
     pub lens: Lens,
     /// Columns and rows that it was calibrated for, if that is known.
     pub size: Option<[u32; 2]>,
+    /// Metres per unit of its images, if a file says so.
+    pub metres_per_unit: Option<f64>,
 }
 
 impl From<CameraFile> for DepthCamera {
-    fn from(CameraFile { size, intrinsics, lens }: CameraFile) -> Self {
-        Self { intrinsics, lens, size }
+    fn from(CameraFile { size, intrinsics, lens, metres_per_unit }: CameraFile) -> Self {
+        Self { intrinsics, lens, size, metres_per_unit }
     }
 }
 
@@ -287,7 +255,8 @@ fn check_unit(name: &str, metres_per_unit: Option<f64>) -> Result<()> {
     }
 }
 
-/// A depth image from a file, with its pose as given on the command line.
+/// A depth image from a file, with its pose as given on the command line. Without `metres_per_unit`, the unit that the file of the pose
+/// or of the camera says holds, or the usual one.
 pub fn depth(
     path: &Path,
     metres_per_unit: Option<f64>,
@@ -297,33 +266,59 @@ pub fn depth(
 ) -> Result<Loaded> {
     check_unit("--depth-unit", metres_per_unit)?;
     let (world_from_camera, camera) = placed_camera(path, pose, camera)?;
-    from_depth_file(read_depth(path, metres_per_unit)?, &camera, world_from_camera, misses)
-        .with_context(|| format!("{path:?}"))
+    let file = read_depth(path, metres_per_unit.or(camera.metres_per_unit))?;
+    let mut loaded = from_depth_file(file, &camera, world_from_camera, misses).with_context(|| format!("{path:?}"))?;
+    loaded.reading.notes.extend(told_unit(path, metres_per_unit, camera.metres_per_unit, "--depth-unit"));
+    Ok(loaded)
 }
 
 /// The pose of a depth image's camera, and the camera: as given, else as the file of the pose has it.
 pub fn placed_camera(path: &Path, pose: &str, camera: Option<DepthCamera>) -> Result<(Isometry3<f64>, DepthCamera)> {
-    let (world_from_camera, known) = read_pose(pose)?;
-    let known = known.map(|intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None });
-    let Some(camera) = camera.or(known) else {
+    let filed = poses::file_pose(pose)?;
+    let with = |intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: filed.size, metres_per_unit: None };
+    let Some(camera) = camera.or(filed.intrinsics.map(with)) else {
         bail!(
             "{path:?}: the camera is unknown: give --camera FILE, --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file"
         );
     };
-    Ok((world_from_camera, camera))
+    // The file of the pose is of this image, that of the camera of all.
+    let metres_per_unit = filed.metres_per_unit.or(camera.metres_per_unit);
+    Ok((filed.world_from_camera, DepthCamera { metres_per_unit, ..camera }))
 }
 
-/// A cloud from a file with the pose of its camera: most of it must lie ahead.
+/// A cloud from a file with the pose of its camera: most of it must lie ahead, or it is in the camera's own frame, which the pose places.
 pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded> {
     let (world_from_camera, _) = read_pose(pose)?;
-    let mut loaded = cloud(path, unit, None)?;
-    let Scan::Cloud { cloud, from } = &mut loaded.scan else {
-        bail!("{path:?}: the cloud already says where its camera was: omit --pose {pose}");
+    let file = in_known_unit(path, read_cloud(path)?, unit)?;
+    placed(file, unit, &world_from_camera).map_err(|why| anyhow::anyhow!("--pose {pose}, {path:?}: {why}"))
+}
+
+fn placed(file: CloudFile, unit: Option<Unit>, given: &Isometry3<f64>) -> Result<Loaded, String> {
+    let (file, mut reading) = in_metres(file, unit);
+    let position = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
+    let Some(seen) = Organised::of(&file) else {
+        check_ahead(&file.cloud.points, given)?;
+        let mut from = file.viewpoint.as_ref().map(position);
+        reading.notes.extend(replace_position(&mut from, position(given)));
+        return Ok(Loaded { scan: Scan::Cloud { cloud: file.cloud, from }, reading });
     };
-    check_ahead(&cloud.points, &world_from_camera).map_err(|why| anyhow::anyhow!("--pose {pose}, {path:?}: {why}"))?;
-    let note = replace_position(from, Point3::from(world_from_camera.translation.vector));
-    loaded.reading.notes.extend(note);
-    Ok(loaded)
+    let told = file.viewpoint.filter(|told| {
+        let off = told.inverse() * given;
+        off.translation.vector.norm().max(off.rotation.angle()) > 1e-3
+    });
+    match told.as_ref().map(position) {
+        Some(told) if seen.in_sensor_frame() => reading.notes.push(format!(
+            "the file has another pose of its camera, at {} m (VIEWPOINT): the pose given was used instead",
+            triple(&told)
+        )),
+        Some(told) => {
+            let why = "its pixels prove that its points were seen from its VIEWPOINT";
+            return Err(format!("{why}, at {} m: omit --pose, or move the points", triple(&told)));
+        }
+        None => {}
+    }
+    let world_from_camera = if seen.in_sensor_frame() { *given } else { seen.pose };
+    Ok(Loaded { scan: seen.scan(world_from_camera), reading })
 }
 
 /// Refuses a camera that most of what it saw lies behind.

@@ -77,12 +77,20 @@ fn no_plan(path: &Path) -> String {
     )
 }
 
-/// Writes the plan.
+/// Why an answer gives none.
+fn no_plan_from(path: &Path, answer: &Answer) -> String {
+    match answer.planner == PlannerName::Volumetric.as_str() {
+        true => format!("--plan {path:?}: not written, for what a view adds is {}", answer.stop.basis),
+        false => no_plan(path),
+    }
+}
+
+/// Writes the plan made from an answer.
 ///
 /// # Errors
-/// A planner that does not make out what is missing; what the operating system refuses.
-pub fn write(path: &Path, plan: Option<&ScanPlan>) -> Result<()> {
-    let plan = plan.with_context(|| no_plan(path))?;
+/// An answer that does not make out what is missing, with the reason; what the operating system refuses.
+pub fn write(path: &Path, plan: Option<&ScanPlan>, answer: &Answer) -> Result<()> {
+    let plan = plan.with_context(|| no_plan_from(path, answer))?;
     let views: Vec<Value> = plan.views.iter().map(view).collect();
     let text = match ending(path).as_str() {
         "csv" => csv(&views),

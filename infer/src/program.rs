@@ -98,7 +98,9 @@ fn run(args: &Args) -> Result<ExitCode> {
         let entry = service.first().map_err(anyhow::Error::from).with_context(place)?;
         let mut open = entry.open.blocking_lock();
         kept::add(&service, &entry, &mut open, &config, args)?;
-        return answer(open.session(), views, args);
+        let answered = answer(open.session(), views, args);
+        let adds = !(args.scan.is_empty() && args.depth.is_empty());
+        return if adds { answered.with_context(|| kept::added(folder)) } else { answered };
     }
     if args.scan.is_empty() && args.depth.is_empty() {
         misuse::<Args>("nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve");
@@ -123,21 +125,23 @@ fn given_views(args: &Args, config: &SessionConfig) -> Result<Option<Vec<Isometr
     load::poses(path).map(Some)
 }
 
-/// The next view, among these if there are any, printed and drawn.
+/// The next view, among these if there are any, drawn and printed: whatever cannot be written, the answer is told.
 fn answer(session: &mut Session, views: Option<Vec<Isometry3<f64>>>, args: &Args) -> Result<ExitCode> {
     if let Some(views) = views {
         session.set_given_views(views);
     }
     let answer = session.next_view_for(&Request { check: checked_by(args), ..Request::default() })?;
-    if let Some(path) = &args.plan {
-        plan::write(path, session.scan_plan(&answer, args.plan_views, None).as_ref())?;
-    }
-    write_files(args, &names(args), session, &answer, &[])?;
+    let written = write_files(args, &names(args), session, &answer, &[]);
+    let planned = match &args.plan {
+        Some(path) => plan::write(path, session.scan_plan(&answer, args.plan_views, None).as_ref(), &answer),
+        None => Ok(()),
+    };
     if args.json {
         print_line(serde_json::to_string_pretty(&answer)?)?;
     } else {
         print(answer.to_text())?;
     }
+    written.and(planned)?;
     // 3: an answer was given, and it is that no view is left.
     Ok(if answer.next.is_some() { ExitCode::SUCCESS } else { ExitCode::from(3) })
 }
@@ -230,7 +234,7 @@ fn robot(args: &Args) -> Result<Vec<Option<Flag>>> {
 
 /// The camera of the depth images, as far as the command line describes it.
 pub(crate) fn depth_camera(args: &Args) -> Result<Option<DepthCamera>> {
-    let plain = |intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
+    let plain = |intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None, metres_per_unit: None };
     match &args.camera {
         Some(file) => Ok(Some(read_camera(file)?.into())),
         None => Ok(args.intrinsics.map(plain)),

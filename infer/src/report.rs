@@ -7,7 +7,7 @@ use formats::html::{VIEWER, escape};
 use geometry::{BoundaryConfig, NeighborGrid, boundary_points};
 use nalgebra::{Point3, Vector3};
 use planning::pose::Pose;
-use planning::{Answer, ScanState, Seen, Session};
+use planning::{Answer, Candidate, ScanState, Seen, Session};
 use serde_json::json;
 
 /// What the page shows beside the answer.
@@ -64,6 +64,7 @@ fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
         .map(|c| {
             json!({
                 "pose": c.world_from_camera.matrix, "target": c.target_m, "score": c.score,
+                "at": c.position_in_cell(), "stop": c.table.as_ref().map(|table| table.stop_deg),
                 "gain": c.expected_gain, "overlap": c.expected_overlap,
                 "why": c.objections.iter().map(|o| &o.reason).collect::<Vec<_>>(),
             })
@@ -133,13 +134,16 @@ fn side(answer: &Answer, coverage: &[f64]) -> String {
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let mut html = format!("<p class=\"lead\">{}</p><dl class=\"facts\">", escape(&answer.reason()));
     let next = answer.next.as_ref();
+    let missing = answer.missing.as_ref();
+    let out_of_reach = missing.map(|m| m.out_of_reach_share).filter(|share| *share > 0.0);
     let facts = [
-        ("new surface", next.and_then(|n| n.expected_gain).map(percent)),
-        ("overlap", next.and_then(|n| n.expected_overlap).map(percent)),
-        ("missing", answer.missing.as_ref().map(|m| percent(m.share + m.out_of_reach_share))),
-        ("distance", next.map(|n| planning::answer::length(n.working_distance_m))),
+        Some(("new surface", next.and_then(|n| n.expected_gain).map(percent))),
+        Some(("overlap", next.and_then(|n| n.expected_overlap).map(percent))),
+        Some(("missing", missing.map(|m| percent(m.share)))),
+        out_of_reach.map(|share| ("out of reach", Some(percent(share)))),
+        Some(("distance", next.map(|n| planning::answer::length(n.working_distance_m)))),
     ];
-    for (name, value) in facts {
+    for (name, value) in facts.into_iter().flatten() {
         html += &format!("<div><dt>{name}</dt><dd>{}</dd></div>", value.as_deref().unwrap_or("not known"));
     }
     html += "</dl>";
@@ -147,8 +151,7 @@ fn side(answer: &Answer, coverage: &[f64]) -> String {
         html += &format!("<div class=\"warn\">{}</div>", escape(warning));
     }
     if let Some(next) = next {
-        let rows = next.world_from_camera.matrix.map(|r| r.map(|x| format!("{x:10.6}")).join(" ")).join("\n");
-        html += &format!("<h2>world_from_camera, +X right, +Y down, +Z forward, metres</h2><pre>{rows}</pre>");
+        html += &placed(next);
     }
     if coverage.len() > 1 {
         html += &format!("<h2>Coverage after each view, %</h2>{}", coverage_curve(coverage));
@@ -166,6 +169,26 @@ fn side(answer: &Answer, coverage: &[f64]) -> String {
             );
         }
         html += "</table>";
+    }
+    html
+}
+
+/// What a robot is driven by: the pose in the frame that does not turn, with the stop of a turntable and the joints of an arm.
+fn placed(next: &Candidate) -> String {
+    let mut html = String::new();
+    let (name, pose) = match &next.table {
+        Some(table) => {
+            html += &format!("<h2>Turntable</h2><pre>turn the table to {} degrees</pre>", table.stop_deg);
+            ("cell_from_camera", &table.cell_from_camera)
+        }
+        None => ("world_from_camera", &next.world_from_camera),
+    };
+    let rows = pose.matrix.map(|r| r.map(|x| format!("{x:10.6}")).join(" ")).join("\n");
+    html += &format!("<h2>{name}, +X right, +Y down, +Z forward, metres</h2><pre>{rows}</pre>");
+    if let Some(reached) = &next.reached {
+        let joints: Vec<String> =
+            reached.joints.iter().map(|joint| format!("{} {:.4}", escape(&joint.name), joint.value)).collect();
+        html += &format!("<h2>Joints, rad, of sliding ones m</h2><pre>{}</pre>", joints.join("\n"));
     }
     html
 }

@@ -21,6 +21,7 @@ pub use time::{Flag, OnDeadline, Patience};
 pub use work::Open;
 
 use crate::request::{CreateRequest, over};
+use answers::Kept;
 use hyper::body::Bytes;
 use planning::config::MAX_POINTS;
 use planning::session::ViewCheck;
@@ -194,7 +195,8 @@ impl Service {
     /// The folder is in use, or cannot be read.
     pub fn keeping_state(mut self, folder: &Path) -> anyhow::Result<Self> {
         let (store, found) = Store::open(folder)?;
-        let mut sessions = Sessions { last: found.last, ..Sessions::default() };
+        let answers = Answers::from_disk(found.answers);
+        let mut sessions = Sessions { last: found.last, answers, ..Sessions::default() };
         for (id, scans) in found.sessions {
             let scans = scans.unwrap_or_else(|error| {
                 tracing::warn!("session {id}: {error}");
@@ -262,12 +264,12 @@ impl Service {
         if let Some(known) = sessions.answers.find(key.as_ref()) {
             return known;
         }
-        let answer = self.open(&mut sessions, request);
+        let answer = self.open(&mut sessions, request, key.as_ref());
         sessions.answers.keep(key, &answer);
         answer
     }
 
-    fn open(&self, sessions: &mut Sessions, request: CreateRequest) -> Result<Reply, Refusal> {
+    fn open(&self, sessions: &mut Sessions, request: CreateRequest, key: Option<&Key>) -> Result<Reply, Refusal> {
         let config = over(&self.config, request.config)?;
         check(&config)?;
         if sessions.open.len() >= self.limits.sessions {
@@ -282,12 +284,14 @@ impl Service {
         let open = Open::empty(config, self.network.clone(), &self.memory)?;
         sessions.last += 1;
         let id = sessions.last;
+        let reply = Reply { status: 201, ..Reply::of(&json!({ "session": id.to_string() }))? };
+        let open = open.created_by(key.map(|key| Kept::new(key.clone(), &reply)));
         if let Some(store) = &self.store {
-            store.create(id, &open.record())?;
+            store.create(id, &open.record(), sessions.answers.to_disk())?;
         }
         sessions.open.insert(id, Arc::new(Entry::new(id, open, 0)));
         self.count.store(sessions.open.len(), Ordering::Relaxed);
-        Ok(Reply { status: 201, ..Reply::of(&json!({ "session": id.to_string() }))? })
+        Ok(reply)
     }
 
     /// The session that was opened first; a new one where there is none.
@@ -297,7 +301,7 @@ impl Service {
     pub fn first(&self) -> Result<Arc<Entry>, Refusal> {
         let mut sessions = lock(&self.sessions);
         if sessions.open.is_empty() {
-            self.open(&mut sessions, CreateRequest::default())?;
+            self.open(&mut sessions, CreateRequest::default(), None)?;
         }
         sessions.open.values().next().cloned().ok_or_else(Refusal::internal)
     }
@@ -313,10 +317,19 @@ impl Service {
         }
         let known = name.parse().ok().filter(|id| sessions.open.contains_key(id)).ok_or_else(|| unknown(name));
         let answer = known.and_then(|id: u64| {
-            self.store.as_ref().map_or(Ok(()), |store| store.remove(id))?;
+            let reply = Reply::of(&json!({ "deleted": name }))?;
+            match (&self.store, &key) {
+                (Some(store), Some(key)) => {
+                    let mut answers = sessions.answers.to_disk();
+                    answers.push(Kept::new(key.clone(), &reply));
+                    store.delete(id, sessions.last, answers)?;
+                }
+                (Some(store), None) => store.remove(id)?,
+                (None, _) => {}
+            }
             sessions.open.remove(&id);
             self.count.store(sessions.open.len(), Ordering::Relaxed);
-            Reply::of(&json!({ "deleted": name }))
+            Ok(reply)
         });
         sessions.answers.keep(key, &answer);
         answer

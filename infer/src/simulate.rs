@@ -11,8 +11,8 @@ use formats::depth::MILLIMETRES;
 use formats::mesh::read_mesh;
 use geometry::sampling::poisson_disk_sample;
 use geometry::{Mesh, PinholeCamera, PointCloud, View, rng};
-use nalgebra::{Isometry3, Point3};
-use planning::pose::Pose;
+use nalgebra::Isometry3;
+use planning::pose::{Pose, rigid};
 use planning::session::Request;
 use planning::{Answer, Candidate, PlanError, RankedView, Reached, Session, Support};
 use rand_chacha::ChaCha8Rng;
@@ -32,7 +32,7 @@ const DIAGONAL: f64 = 0.2;
 pub struct Step {
     /// Views so far, the first scan included.
     pub views: usize,
-    /// Where it was taken from.
+    /// Where it was taken from, as it was answered.
     pub world_from_camera: Pose,
     /// Share of the true surface within the tolerance of a measured point.
     pub coverage: f64,
@@ -60,8 +60,6 @@ pub struct Outcome {
     pub last: Answer,
     /// One per view.
     pub steps: Vec<Step>,
-    /// Where each view was taken from.
-    pub poses: Vec<Isometry3<f64>>,
     /// Why it ended.
     pub ended: String,
     /// Whether that is because it was asked to.
@@ -106,16 +104,18 @@ pub fn run(
     let mut steps: Vec<Step> = Vec::new();
     let mut answers: Vec<Answer> = Vec::new();
     let mut failed = None;
-    let mut step = |view: &View, coverage: f64, overlap: Option<f64>, expected: Option<&Answer>| {
+    let mut step = |session: &Session, view: &View, coverage: f64, overlap: Option<f64>, expected: Option<&Answer>| {
+        let taken = expected.and_then(|answer| candidate_at(answer, view));
+        let first = || Pose::from(&session.camera_pose(view, None));
         let step = Step {
             views: steps.len() + 1,
-            world_from_camera: Pose::from(&view.world_from_camera()),
+            world_from_camera: taken.map_or_else(first, |c| c.world_from_camera.clone()),
             coverage,
             overlap,
-            expected_gain: expected.and_then(|a| a.next.as_ref()?.expected_gain),
+            expected_gain: taken.and_then(|c| c.expected_gain),
             gain: coverage - steps.last().map_or(0.0, |s: &Step| s.coverage),
-            table_stop_deg: expected.and_then(|a| Some(a.next.as_ref()?.table.as_ref()?.stop_deg)),
-            reached: expected.and_then(|a| a.next.as_ref()?.reached.clone()),
+            table_stop_deg: taken.and_then(|c| Some(c.table.as_ref()?.stop_deg)),
+            reached: taken.and_then(|c| c.reached.clone()),
             planner: expected.map(|a| a.planner.clone()),
         };
         show(&step);
@@ -123,7 +123,7 @@ pub fn run(
     };
     let request = Request { check: crate::program::checked_by(args), ..Request::default() };
     let decide = |session: &mut Session, progress: &Progress, _: &mut ChaCha8Rng| {
-        step(progress.view, progress.coverage, progress.overlap, answers.last());
+        step(session, progress.view, progress.coverage, progress.overlap, answers.last());
         let answer = session.next_view_for(&request).map_err(|error| {
             let plan = PlanError::failed("auto", error.to_string());
             failed = Some(error);
@@ -163,19 +163,27 @@ pub fn run(
         }
         _ => {
             let (view, coverage) = (episode.views[episode.views.len() - 1], episode.final_coverage());
-            step(&view, coverage, episode.overlaps.last().copied().flatten(), answers.last());
+            step(&session, &view, coverage, episode.overlaps.last().copied().flatten(), answers.last());
             (session.next_view_for(&request)?, format!("{} next views were taken", args.views))
         }
     };
-    let poses = episode.views.iter().map(View::world_from_camera).collect();
     let within_reach = cell::within_reach(&scene, &samples, &setting, &session, &episode.cloud.points);
-    Ok(Outcome { session, last, steps, poses, ended, stopped, within_reach })
+    Ok(Outcome { session, last, steps, ended, stopped, within_reach })
+}
+
+fn view(candidate: &Candidate) -> View {
+    View { target: candidate.target_m.into(), position: candidate.position_m.into() }
+}
+
+/// The candidate of an answer that a view was chosen as.
+fn candidate_at<'a>(answer: &'a Answer, taken: &View) -> Option<&'a Candidate> {
+    answer.candidates.iter().find(|candidate| view(candidate) == *taken)
 }
 
 fn ranked(candidate: &Candidate) -> RankedView {
-    let view = View { target: Point3::from(candidate.target_m), position: Point3::from(candidate.position_m) };
+    let view = view(candidate);
     let (gain, overlap) = (candidate.expected_gain, candidate.expected_overlap);
-    RankedView { gain, overlap, ..RankedView::scored(view, candidate.score) }
+    RankedView { gain, overlap, given: candidate.given, ..RankedView::scored(view, candidate.score) }
 }
 
 /// A mesh file, or `procedural:SEED`.
@@ -190,28 +198,30 @@ fn object_mesh(object: &str) -> Result<Mesh> {
 /// Writes what the loop saw first, for `infer` to start from: two clouds with their camera positions beside them in
 /// the printed command, and the third view as a depth image with a pose file.
 pub fn export_scans(directory: &Path, object: &str, outcome: &Outcome, camera: &PinholeCamera) -> Result<String> {
-    if outcome.poses.len() < 3 {
-        bail!("{object}: {} scans were taken, three are needed for --export-scans", outcome.poses.len());
+    if outcome.steps.len() < 3 {
+        bail!("{object}: {} scans were taken, three are needed for --export-scans", outcome.steps.len());
     }
     std::fs::create_dir_all(directory).with_context(|| format!("cannot make {directory:?}"))?;
     let scene = Scene::new(object_mesh(object)?.normalized(DIAGONAL));
+    let taken_from = |step: &Step| rigid(&step.world_from_camera.matrix).map_err(anyhow::Error::msg);
     let shot = |pose: &Isometry3<f64>| scene.depth_image(camera, pose, &RenderConfig::default());
     let mut scans = Vec::new();
     let mut positions = Vec::new();
-    for (i, pose) in outcome.poses[..2].iter().enumerate() {
+    for (i, step) in outcome.steps[..2].iter().enumerate() {
+        let (pose, _) = taken_from(step)?;
         let path = directory.join(format!("scan{}.ply", i + 1));
-        let cloud = PointCloud { points: shot(pose).to_points(camera, pose), normals: Vec::new() };
+        let cloud = PointCloud { points: shot(&pose).to_points(camera, &pose), normals: Vec::new() };
         formats::cloud::write_ply(&path, &cloud)?;
         let p = pose.translation.vector;
         scans.push(path.display().to_string());
         positions.push(format!("{:.4},{:.4},{:.4}", p.x, p.y, p.z));
     }
-    let pose = &outcome.poses[2];
+    let (pose, _) = taken_from(&outcome.steps[2])?;
     let image = directory.join("depth3.png");
-    formats::depth::write_depth(&image, &shot(pose), camera.width, camera.height, MILLIMETRES)?;
+    formats::depth::write_depth(&image, &shot(&pose), camera.width, camera.height, MILLIMETRES)?;
     let pose_file = directory.join("depth3.json");
     let content = PoseFile {
-        world_from_camera: Pose::from(pose).matrix,
+        world_from_camera: outcome.steps[2].world_from_camera.matrix,
         intrinsics: Some([camera.fx, camera.fy, camera.cx, camera.cy]),
     };
     formats::run::atomic_write(&pose_file, format!("{}\n", serde_json::to_string_pretty(&content)?).as_bytes())?;

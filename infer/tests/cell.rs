@@ -79,6 +79,28 @@ fn a_fixed_camera_and_a_turntable_close_the_loop() {
 }
 
 #[test]
+fn the_loop_tells_poses_as_the_camera_is_mounted() {
+    // How steeply one of the camera's axes points upwards at each view, as a sine.
+    let heights = |axis: usize, arguments: &[&str]| -> Vec<f64> {
+        let output = infer(&[&["--object", "procedural:3", "--views", "2", "--json"][..], arguments].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let steps = text.lines().map(|line| serde_json::from_str::<Value>(line).expect("a step"));
+        steps.filter_map(|step| step["world_from_camera"]["matrix"][2][axis].as_f64()).collect()
+    };
+    // On its side: what is down in the image is level.
+    let on_its_side = heights(1, &["--set", "pose.extra_roll_deg=90"]);
+    assert!(on_its_side.len() == 3 && on_its_side.iter().all(|z| z.abs() < 1e-9), "{on_its_side:?}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let cell = folder.path().join("cell.toml");
+    let pose = "[[0.5, 0.0, -0.866, 0.78], [0.0, -1.0, 0.0, 0.0], [-0.866, 0.0, -0.5, 0.45], [0.0, 0.0, 0.0, 1.0]]";
+    let table = format!("[turntable]\nrange_deg = [0.0, 360.0]\nstep_deg = 45.0\ncell_from_camera = {pose}\n");
+    std::fs::write(&cell, format!("working_distance_m = 0.9\n{table}")).expect("written");
+    let fixed = heights(0, &["--config", &cell.display().to_string()]);
+    assert!(fixed.len() == 3 && fixed.iter().all(|z| (z + 0.866).abs() < 1e-4), "{fixed:?}");
+}
+
+#[test]
 fn an_arm_answers_with_joint_values_or_the_reason() {
     let urdf = sample("robots/ur5e.urdf");
     let base = "robot.cell_from_base=[[1,0,0,0.55],[0,1,0,0],[0,0,1,-0.2],[0,0,0,1]]";

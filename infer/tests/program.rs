@@ -296,6 +296,51 @@ fn a_plan_of_several_views_is_a_list() {
 }
 
 #[test]
+fn an_answer_is_told_and_its_scan_kept_once_whatever_cannot_be_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    // A blade, seen on its edge: what one look shows of it does not close.
+    let edge = geometry::DepthImage { origin: [639, 321], size: [2, 78], depth: vec![1.2; 2 * 78] };
+    let (image, plan, blocked) = (at("edge.png"), at("plan.csv"), at("edge.png/report.html"));
+    formats::depth::write_depth(Path::new(&image), &edge, 1280, 720, 0.001).expect("written");
+    let camera = "514.1332824271612,514.1332824271612,640,360";
+    let scan = ["--depth", &image, "--pose", "0,0,0,0,0,0,1", "--intrinsics", camera, "--misses", "free"];
+    for (output, said) in [
+        (["--plan", &plan], "gains are not predicted from this scan alone; take another"),
+        (["--report", &blocked], "edge.png"),
+    ] {
+        let session = at(output[0]);
+        let run = |more: &[&str]| {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_infer"));
+            command.args(["--session", &session, "--planner", "volumetric"]).args(more).output().expect("runs")
+        };
+        let failed = run(&[&scan[..], &output].concat());
+        let (told, error) = (String::from_utf8_lossy(&failed.stdout), String::from_utf8_lossy(&failed.stderr));
+        assert_eq!(failed.status.code(), Some(1), "{error}");
+        assert!(told.contains("next view: score"), "{told}");
+        assert!(error.contains(said) && !error.contains("use --planner"), "{error}");
+        assert!(error.contains("the scans were added, so repeat the command without them"), "{error}");
+        assert!(!Path::new(output[1]).exists(), "{output:?}");
+        let after: serde_json::Value = serde_json::from_slice(&run(&["--json"]).stdout).expect("an answer");
+        assert_eq!(after["cloud"]["scans"], 1);
+    }
+}
+
+#[test]
+fn a_command_says_which_of_its_scans_were_added() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = folder.path().join("part").display().to_string();
+    let few = folder.path().join("few.xyz");
+    std::fs::write(&few, "0 0 0\n0 0 1\n").expect("written");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_infer"));
+    let output = command.args(["--session", &session, "--scan"]).arg(sample("scan1.ply")).arg(&few).output();
+    let output = output.expect("runs");
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && error.contains("too few points"), "{error}");
+    assert!(error.contains("few.xyz\" (the 1 before it were added"), "{error}");
+}
+
+#[test]
 fn a_file_name_with_a_line_feed_stays_within_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let named = |name: &str, content: &str| {

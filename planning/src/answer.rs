@@ -8,6 +8,7 @@ use crate::registration::registrability::Prediction;
 use crate::stop::{Missing, Stop};
 use crate::turntable::TableStop;
 use crate::{CameraPose, PastScan, Plane, Reached, Surface};
+use geometry::View;
 use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -66,6 +67,11 @@ impl Candidate {
             Some(to * self.pose().inverse() * target)
         };
         self.table.as_ref().and_then(in_cell).unwrap_or(target)
+    }
+
+    /// What it looks at, and from where, in the object's frame.
+    pub(crate) fn view(&self) -> View {
+        View { target: self.target_m.into(), position: self.position_m.into() }
     }
 
     /// The camera's pose in the object's frame.

@@ -231,6 +231,7 @@ fn scan(position: Point3<f64>, points: Vec<Point3<f64>>, trust: Trust) -> PastSc
         world_from_camera: view.world_from_camera(),
         seen: Seen::Points(points),
         pose: CameraPose::Estimated(trust),
+        veil: None,
     }
 }
 

@@ -17,12 +17,14 @@ pub struct RankedView {
     pub overlap: Option<f64>,
     /// The overlap to count on where a least one is asked for: `overlap`, unless the policy knows what may lower it.
     pub cautious_overlap: Option<f64>,
+    /// Its place in [`ScanState::given_views`]; `None` where views are not given. Two that differ in roll alone are the same `view`.
+    pub given: Option<usize>,
 }
 
 impl RankedView {
     /// A view of which no more is said than its score.
     pub fn scored(view: View, score: f64) -> Self {
-        Self { view, score, gain: None, overlap: None, cautious_overlap: None }
+        Self { view, score, gain: None, overlap: None, cautious_overlap: None, given: None }
     }
 }
 
@@ -55,9 +57,9 @@ pub trait Planner {
     /// Name on the command line.
     fn name(&self) -> &str;
 
-    /// Views in falling order of preference, at least one. The first is taken by the episode loop; a robot's
-    /// constraints may pass over some. What a planner remembers follows `state.scans`: the same shared scans again,
-    /// and more, go on from there; others start afresh.
+    /// Views in falling order of preference, at least one; given ones say which they are ([`RankedView::given`]). The first
+    /// is taken by the episode loop; a robot's constraints may pass over some. What a planner remembers follows
+    /// `state.scans`: the same shared scans again, and more, go on from there; others start afresh.
     ///
     /// # Errors
     /// Why there is no view: nothing to look at, something the planner needs and does not have, or a fault.

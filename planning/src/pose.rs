@@ -56,6 +56,27 @@ pub fn world_from_camera(view: &View, config: &PoseConfig, up: &Vector3<f64>) ->
     pose * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), config.extra_roll_deg.to_radians())
 }
 
+/// How a camera is turned about its optical axis at views; the default is the published roll ([`View::world_from_camera`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CameraRoll(Option<(PoseConfig, Vector3<f64>)>);
+
+impl CameraRoll {
+    /// By these settings, `up` being of unit length and in the frame of the views.
+    pub fn new(config: &PoseConfig, up: &Vector3<f64>) -> Self {
+        // The published roll brings image-up as close to z as can be: the same pose but for rounding, and that of simulated cameras.
+        let published = config.roll == Roll::Published || *up == Vector3::z();
+        Self((!published || config.extra_roll_deg != 0.0).then_some((*config, *up)))
+    }
+
+    /// The pose of a camera at `view`.
+    pub fn world_from_camera(&self, view: &View) -> Isometry3<f64> {
+        match &self.0 {
+            Some((config, up)) => world_from_camera(view, config, up),
+            None => view.world_from_camera(),
+        }
+    }
+}
+
 /// A 4 x 4 matrix, row by row, as the rigid motion next to it, and how far its rotation was off (the largest element of the
 /// difference).
 ///

@@ -1,25 +1,32 @@
 //! One scan as the user gives it, and made ready for planning.
 
 mod lines;
+mod past;
+mod report;
+mod sift;
+pub(crate) mod veil;
 
 use crate::accumulate::Accumulate;
 use crate::config::SessionConfig;
 use crate::doubt::{self, PositionDoubt};
 use crate::estimate::estimated_scans;
 use crate::normals;
-use crate::registration::Registered;
-use crate::sensor::Dropped;
-use crate::support::{self, Plane};
+use crate::support::Plane;
 use crate::thin;
-use crate::{Budget, CameraPose, NoReturn, PastScan, Seen, Stopped};
+use crate::{Budget, CameraPose, NoReturn, PastScan, Stopped};
 use geometry::{
-    BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, View, mean_spacing,
+    BoundaryConfig, DepthImage, NeighborGrid, Neighborhoods, PinholeCamera, PointCloud, mean_spacing,
     orient_normals_along, orient_normals_consistent, orient_normals_toward,
 };
-use lines::{abreast, orient_normals_abreast, pieces};
+use lines::{abreast, orient_normals_abreast};
 use nalgebra::{Isometry3, Point3, Vector3};
+use past::past_scans;
+use sift::{Sifted, sift};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
+
+pub use report::ScanReport;
+pub use veil::Veil;
 
 /// Neighbours over which the sign of normals is carried where no camera is known (10).
 const ORIENTATION_NEIGHBORS: usize = 10;
@@ -103,75 +110,6 @@ pub struct Reading {
     pub table_angle_deg: Option<f64>,
 }
 
-/// What was done with a scan's points.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct ScanReport {
-    /// Points given.
-    pub read: usize,
-    /// With a coordinate that is not finite (pixels without a return, in organised clouds).
-    pub not_finite: usize,
-    /// With a coordinate beyond [`FARTHEST_M`], as the marks of some sensors for no return are.
-    #[serde(default)]
-    pub out_of_range: usize,
-    /// Nearer or farther than the sensor measures.
-    #[serde(default)]
-    pub beyond_sensor: usize,
-    /// Pixels in the middle of a jump in depth.
-    #[serde(default)]
-    pub mixed_pixels: usize,
-    /// On what the object stands on, or under it.
-    #[serde(default)]
-    pub on_support: usize,
-    /// Outside the region of interest.
-    pub outside_region: usize,
-    /// Dropped as far from all others.
-    pub outliers: usize,
-    /// Dropped as equal to another.
-    #[serde(default)]
-    pub duplicates: usize,
-    /// Dropped by thinning.
-    pub thinned: usize,
-    /// Normals that were missing and were estimated.
-    #[serde(default)]
-    pub normals_estimated: usize,
-    /// Normals that pointed away from the camera and were turned.
-    #[serde(default)]
-    pub normals_turned: usize,
-    /// Whether the normals given were ignored: too few, or not standing on the surface.
-    #[serde(default)]
-    pub normals_ignored: bool,
-    /// Used for planning.
-    pub used: usize,
-    /// What registering it found, where that was asked for.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub registration: Option<Box<Registered>>,
-}
-
-impl ScanReport {
-    /// One line for people.
-    pub fn describe(&self) -> String {
-        let mut line = format!("{} points", self.read);
-        let parts = [
-            (self.not_finite, "without a position"),
-            (self.out_of_range, "farther away than a million metres"),
-            (self.beyond_sensor, "out of the sensor's range"),
-            (self.mixed_pixels, "mixed of two depths"),
-            (self.on_support, "of the support"),
-            (self.outside_region, "outside the region"),
-            (self.duplicates, "given twice"),
-            (self.thinned, "thinned out"),
-            (self.outliers, "outliers dropped"),
-        ];
-        for (count, what) in parts.into_iter().filter(|(count, _)| *count > 0) {
-            line += &format!(", {count} {what}");
-        }
-        if self.used != self.read {
-            line = format!("{line}: {} used", self.used);
-        }
-        self.registration.as_ref().map_or(line.clone(), |found| format!("{line}; {}", found.describe()))
-    }
-}
-
 /// A scan cleaned, thinned, with normals.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedScan {
@@ -194,8 +132,10 @@ pub(crate) struct PreparedScan {
     /// Which scan of the session it is, from 1, and the one with which it was merged: a later one if it had to wait.
     pub number: usize,
     pub merged_with: usize,
-    /// Whether what the object stands on was found in it.
-    pub shows_support: bool,
+    /// What the object stands on, where it was looked for in this scan and found.
+    pub shows_support: Option<Plane>,
+    /// Points of that, and of what lies under it, which are no part of the cloud: what an arm may touch.
+    pub stood_on: Vec<Point3<f64>>,
     pub report: ScanReport,
     pub reading: Reading,
 }
@@ -223,46 +163,7 @@ pub(crate) fn prepare(
     plane: Option<&Plane>,
     budget: &Budget,
 ) -> Result<(PreparedScan, Option<Neighborhoods>), Refusal> {
-    let (mut dropped, mut on_support) = (Dropped::default(), 0);
-    let raw = match &mut scan {
-        Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => std::mem::take(cloud),
-        Scan::Depth { camera, depth, world_from_camera, .. } => {
-            depth.depth.iter_mut().filter(|d| f64::from(**d) > FARTHEST_M).for_each(|d| *d = 0.0);
-            dropped = config.sensor.clean(depth, camera);
-            on_support = support::clear(depth, camera, world_from_camera, plane, config.support_margin_m);
-            PointCloud { points: depth.to_points(camera, world_from_camera), normals: Vec::new() }
-        }
-    };
-    let read = raw.len() + dropped.range + dropped.mixed + on_support;
-    let mut report = ScanReport {
-        read,
-        beyond_sensor: dropped.range,
-        mixed_pixels: dropped.mixed,
-        on_support,
-        ..Default::default()
-    };
-    let finite = |i: &usize| raw.points[*i].iter().all(|x| x.abs() <= FARTHEST_M);
-    let mut kept: Vec<usize> = (0..raw.len()).filter(finite).collect();
-    let far = |p: &&Point3<f64>| p.iter().all(|x| x.is_finite()) && p.coords.amax() > FARTHEST_M;
-    report.out_of_range = raw.points.iter().filter(far).count();
-    report.not_finite = raw.len() - kept.len() - report.out_of_range;
-    let is_image = matches!(scan, Scan::Depth { .. });
-    if let Some(plane) = plane.filter(|_| !is_image) {
-        let before = kept.len();
-        kept.retain(|&i| plane.height(&raw.points[i]) > config.support_margin_m);
-        report.on_support = before - kept.len();
-    }
-    if !is_image {
-        let before = kept.len();
-        let reaches = |p: &Point3<f64>| scan.seen_from(p).is_none_or(|from| config.sensor.reaches((p - from).norm()));
-        kept.retain(|&i| reaches(&raw.points[i]));
-        report.beyond_sensor = before - kept.len();
-    }
-    if let Some([low, high]) = config.region_m {
-        let before = kept.len();
-        kept.retain(|&i| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&raw.points[i][axis])));
-        report.outside_region = before - kept.len();
-    }
+    let Sifted { raw, kept, mut report, shows_support, stood_on, left_out } = sift(&mut scan, config, plane);
     let in_time = || budget.allows(false).map_err(Refusal::Stopped);
     in_time()?;
     let all = thin::select(&raw, &kept);
@@ -338,7 +239,7 @@ pub(crate) fn prepare(
     }
     let mut past: Vec<PastScan> = match &doubt {
         Some(_) => Vec::new(),
-        None => past_scans(scan, &cloud.points),
+        None => past_scans(scan, &cloud.points, &left_out),
     };
     if past.is_empty() && !cloud.is_empty() {
         if !oriented {
@@ -363,7 +264,8 @@ pub(crate) fn prepare(
             adjusted: Vec::new(),
             number: 0,
             merged_with: 0,
-            shows_support: false,
+            shows_support,
+            stood_on,
             report,
             reading: Reading::default(),
         },
@@ -375,24 +277,4 @@ fn fingerprint(points: &[Point3<f64>]) -> u64 {
     let mut hasher = DefaultHasher::new();
     points.iter().flat_map(|p| p.iter()).for_each(|x| hasher.write_u64(x.to_bits()));
     hasher.finish()
-}
-
-/// What a planner may know of a scan with these points; nothing where the camera is unknown.
-fn past_scans(scan: Scan, points: &[Point3<f64>]) -> Vec<PastScan> {
-    match scan {
-        Scan::Depth { camera, depth, world_from_camera, misses } => {
-            vec![PastScan { world_from_camera, seen: Seen::Depth { camera, depth, misses }, pose: Default::default() }]
-        }
-        Scan::Cloud { from, .. } => from.map(|position| seen_from(position, points.to_vec())).into_iter().collect(),
-        Scan::Lines { path, .. } => {
-            pieces(&path, points).into_iter().map(|(at, points)| seen_from(at, points)).collect()
-        }
-    }
-}
-
-/// Points as seen from a position. The orientation is not known and does not matter: it looks at the middle of what it saw.
-fn seen_from(position: Point3<f64>, points: Vec<Point3<f64>>) -> PastScan {
-    let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
-    let view = View { target: Point3::from(sum / points.len().max(1) as f64), position };
-    PastScan { world_from_camera: view.world_from_camera(), seen: Seen::Points(points), pose: Default::default() }
 }

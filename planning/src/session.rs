@@ -32,7 +32,6 @@ use geometry::PointCloud;
 use nalgebra::{Isometry3, Point3};
 use ranking::Ranking;
 use std::sync::Arc;
-use table::given_support;
 
 pub use checking::{AskedView, Verdict, ViewCheck};
 pub use error::SessionError;
@@ -131,7 +130,7 @@ impl Session {
             support: None,
             reach: None,
         };
-        session.support = given_support(&session.config);
+        session.support = session.known_support(&session.config);
         session.place_views();
         session.rebuild();
         session
@@ -163,7 +162,7 @@ impl Session {
             self.offsets.clear();
         }
         if !stands {
-            self.support = given_support(&config);
+            self.support = self.known_support(&config);
             self.state.support = self.support;
         }
         self.planners.configure(&config);
@@ -204,10 +203,9 @@ impl Session {
         let scan = self.on_table(scan, &reading)?;
         let least = self.config.min_points;
         let refused = |refusal| SessionError::refused(refusal, least, &reading);
-        let found = self.support.is_none().then(|| self.find_support(&scan)).flatten();
-        let support = self.support.or(found);
-        let (mut prepared, near) = prepare(scan, &self.config, support.as_ref(), budget).map_err(refused)?;
-        (prepared.reading, prepared.shows_support) = (reading, found.is_some());
+        let (mut prepared, near) = prepare(scan, &self.config, self.support.as_ref(), budget).map_err(refused)?;
+        let support = self.support.or(prepared.shows_support);
+        prepared.reading = reading;
         let number = self.num_scans() + 1;
         (prepared.number, prepared.merged_with) = (number, number);
         let merges = self.register(&mut prepared)?;
@@ -239,9 +237,9 @@ impl Session {
 
     /// Forgets all scans.
     pub fn reset(&mut self) {
-        self.support = given_support(&self.config);
         self.scans.clear();
         self.aside.clear();
+        self.support = self.known_support(&self.config);
         self.offsets.clear();
         self.unregistered.clear();
         self.planners.reset();

@@ -1,6 +1,8 @@
 //! What a policy may see.
 
 use crate::estimate::Trust;
+use crate::pose::CameraRoll;
+use crate::scan::Veil;
 use crate::{Budget, Plane, SensorConfig};
 use geometry::neighbors::{NeighborGrid, Neighborhoods};
 use geometry::{DepthImage, PinholeCamera, PointCloud, View};
@@ -56,6 +58,8 @@ pub struct PastScan {
     pub seen: Seen,
     /// How its camera is known.
     pub pose: CameraPose,
+    /// Of points: where others were left out. Of an image the pixels tell, which are not a number there.
+    pub veil: Option<Arc<Veil>>,
 }
 
 /// How the camera of a scan is known.
@@ -99,6 +103,8 @@ pub struct ScanState {
     pub support: Option<Plane>,
     /// Poses that the next view is chosen from (`world_from_camera`); empty: views at the boundary of the cloud.
     pub given_views: Arc<[Isometry3<f64>]>,
+    /// How the camera is turned about its optical axis at all other views.
+    pub roll: CameraRoll,
     /// How long the decision may take: asked between views.
     pub budget: Budget,
     /// Neighbourhoods of the cloud's points, found when first asked for.
@@ -122,6 +128,12 @@ impl ScanState {
         let view =
             |pose: &Isometry3<f64>| View { target: pose * ahead, position: Point3::from(pose.translation.vector) };
         self.given_views.iter().map(view).collect()
+    }
+
+    /// The camera's pose at a view: of a given one, by its place in `given_views`, as it was given.
+    pub fn pose(&self, view: &View, given: Option<usize>) -> Isometry3<f64> {
+        let as_given = given.and_then(|i| self.given_views.get(i).copied());
+        as_given.unwrap_or_else(|| self.roll.world_from_camera(view))
     }
 
     /// A grid over the points of the cloud.

@@ -1,6 +1,7 @@
 //! What the object stands on: a plane, found in the first scan that shows it or given, that is taken away from all scans and that no camera goes under.
 
 use crate::config::ConfigError;
+use crate::thin;
 use geometry::{DepthImage, PinholeCamera, rng};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand::RngExt;
@@ -20,6 +21,9 @@ const UPRIGHT: f64 = 0.866;
 /// Planes drawn, and points that each is held against.
 const DRAWN: usize = 500;
 const ASKED: usize = 4_000;
+/// As obstacles its points need be no denser than this, metres, which is less than any part of an arm is wide, nor more than so many.
+const OBSTACLE_M: f64 = 0.01;
+const MOST_OBSTACLES: usize = 10_000;
 
 /// What is done about it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -193,25 +197,33 @@ fn attached(depths: &mut [f64], gap: f64, few: usize) -> &[f64] {
     &depths[..end.unwrap_or(depths.len())]
 }
 
-/// Takes what the object stands on out of an image: its pixels show nothing of the object, as those do that show the background.
+/// Takes what the object stands on out of an image: its pixels show nothing of the object, as those do that show the background. Its points.
 pub(crate) fn clear(
     image: &mut DepthImage,
     camera: &PinholeCamera,
     world_from_camera: &Isometry3<f64>,
     plane: Option<&Plane>,
     margin: f64,
-) -> usize {
-    let Some(plane) = plane else { return 0 };
+) -> Vec<Point3<f64>> {
+    let mut taken = Vec::new();
+    let Some(plane) = plane else { return taken };
     let (columns, [x0, y0]) = (image.size[0].max(1) as usize, image.origin.map(|x| x as usize));
-    let mut taken = 0;
     for (i, z) in image.depth.iter_mut().enumerate().filter(|(_, z)| **z > 0.0) {
         let (column, row) = ((x0 + i % columns) as f64, (y0 + i / columns) as f64);
-        if plane.height(&(world_from_camera * camera.unproject(column, row, f64::from(*z)))) <= margin {
+        let point = world_from_camera * camera.unproject(column, row, f64::from(*z));
+        if plane.height(&point) <= margin {
             *z = 0.0;
-            taken += 1;
+            taken.push(point);
         }
     }
     taken
+}
+
+/// Of points of what the object stands on, and under it, those that tell an arm where it may not go. Not the whole plane: the base of an
+/// arm may stand lower, beside the table.
+pub(crate) fn obstacles(points: &[Point3<f64>], seed: u64) -> Vec<Point3<f64>> {
+    let kept = thin::thin_to(points, OBSTACLE_M, MOST_OBSTACLES, seed).indices;
+    kept.into_iter().map(|i| points[i]).collect()
 }
 
 #[cfg(test)]

@@ -3,9 +3,9 @@
 //! The object's frame is that of the plans: the cell's, with the table at 0 degrees. The cell's frame is that of the arm and of
 //! calibrated cameras; it stays where it is when the table turns.
 
-use crate::Scan;
 use crate::config::ConfigError;
 use crate::pose::rigid;
+use crate::{Scan, SessionConfig};
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -136,6 +136,14 @@ impl TurntableConfig {
             }
             _ => Ok(()),
         }
+    }
+}
+
+impl SessionConfig {
+    /// Up in the cell as the object has it with the table at this angle, degrees. Without a table both are one.
+    pub(crate) fn up_in_object(&self, table_deg: f64) -> Vector3<f64> {
+        let up = self.constraints.up();
+        self.turntable.as_ref().map_or(up, |table| table.cell_from_object(table_deg).inverse_transform_vector(&up))
     }
 }
 

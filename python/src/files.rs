@@ -16,7 +16,9 @@ pub fn read_cloud<'py>(
     py: Python<'py>,
     path: PathBuf,
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>, Option<f64>, Vec<String>)> {
-    let file = detached(py, || Ok(formats::read_cloud(&path)?))?;
+    let mut file = detached(py, || Ok(formats::read_cloud(&path)?))?;
+    let unknown = file.unknown_unit.map(|unit| format!("the unit [{unit}] of its columns is not known"));
+    file.notes.extend(unknown);
     let normals = file.cloud.has_normals().then(|| arrays::of_vectors(py, file.cloud.normals)).transpose()?;
     Ok((arrays::of_points(py, file.cloud.points)?, normals, file.metres_per_unit, file.notes))
 }
@@ -57,20 +59,21 @@ pub fn read_arm(py: Python<'_>, path: PathBuf, tool: &str) -> PyResult<(String, 
     })
 }
 
-/// A calibration: columns and rows where the file has them, fx, fy, cx, cy, the lens's model and coefficients.
+/// A calibration: columns and rows where the file has them, fx, fy, cx, cy, the lens's model and coefficients, and metres per unit of depth
+/// where the file says so.
 #[pyfunction]
 #[allow(clippy::type_complexity, reason = "a tuple for Python to name")]
 pub fn read_camera(
     py: Python<'_>,
     path: String,
-) -> PyResult<(Option<(u32, u32)>, (f64, f64, f64, f64), &'static str, Vec<f64>)> {
+) -> PyResult<(Option<(u32, u32)>, (f64, f64, f64, f64), &'static str, Vec<f64>, Option<f64>)> {
     let camera = detached(py, || Ok(formats::camera::read_camera(&path)?))?;
     let (model, coefficients) = match camera.lens {
         Lens::Pinhole => ("brown_conrady", Vec::new()),
         Lens::BrownConrady(k) => ("brown_conrady", k.to_vec()),
         Lens::Fisheye(k) => ("fisheye", k.to_vec()),
     };
-    Ok((camera.size.map(Into::into), camera.intrinsics.into(), model, coefficients))
+    Ok((camera.size.map(Into::into), camera.intrinsics.into(), model, coefficients, camera.metres_per_unit))
 }
 
 /// The poses in a file of any of the formats of docs/formats.md.

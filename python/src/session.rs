@@ -152,7 +152,7 @@ impl RobotSession {
         Ok(Self { session: Mutex::new(session), owner: Mutex::default() })
     }
 
-    #[pyo3(signature = (depth, intrinsics, world_from_camera, misses, metres_per_unit, distortion, distortion_model, table_angle_deg))]
+    #[pyo3(signature = (depth, intrinsics, world_from_camera, misses, metres_per_unit, distortion, distortion_model, size, table_angle_deg))]
     fn add_depth(
         &self,
         py: Python<'_>,
@@ -163,6 +163,7 @@ impl RobotSession {
         metres_per_unit: Option<f64>,
         distortion: Option<Vec<f64>>,
         distortion_model: &str,
+        size: Option<[u32; 2]>,
         table_angle_deg: Option<f64>,
     ) -> PyResult<String> {
         let pose = arrays::pose("world_from_camera", world_from_camera)?;
@@ -172,7 +173,8 @@ impl RobotSession {
         let misses = self::misses(misses, usual)?;
         let lens = distortion.map(|k| Lens::named(distortion_model, &k)).transpose();
         let lens = lens.map_err(|found| Fault::Value(format!("distortion: found {found}")))?.unwrap_or_default();
-        let camera = DepthCamera { intrinsics, lens, size: None };
+        // The unit of the image is known by now.
+        let camera = DepthCamera { intrinsics, lens, size, metres_per_unit: None };
         let loaded = infer::load::from_depth_file(file, &camera, pose, misses).map_err(Fault::from)?;
         self.add(py, loaded, table_angle_deg)
     }

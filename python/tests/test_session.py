@@ -4,6 +4,7 @@ import json
 import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -275,6 +276,57 @@ def test_a_lens_is_undone_on_reading():
         answer(distortion=[0.1, 0.2])
     with pytest.raises(ValueError, match="model barrel, expected"):
         answer(distortion=[0.1], distortion_model="barrel")
+
+
+def test_a_calibration_is_of_its_size_and_unit(tmp_path):
+    (pose,) = benbv.read_poses(SAMPLES / "depth3.json")
+    tenths = np.round(benbv.read_depth(SAMPLES / "depth3.png") * 10_000).astype(np.uint16)
+    height, width = tenths.shape
+    path = tmp_path / "camera.json"
+
+    def calibration(**changes):
+        bop = {"cx": 640, "cy": 360, "depth_scale": 0.1, "fx": 514.1, "fy": 514.1, "height": height, "width": width}
+        path.write_text(json.dumps(bop | changes))
+        return benbv.read_camera(path)
+
+    camera = calibration()
+    assert camera.size == (width, height) and camera.metres_per_unit == pytest.approx(1e-4)
+    whole, plain = benbv.Session(), benbv.Session()
+    whole.add_depth(tenths, world_from_camera=pose, **asdict(camera))
+    plain.add_depth(tenths, camera.intrinsics, pose, metres_per_unit=camera.metres_per_unit)
+    assert whole.next_view() == plain.next_view()
+    whole.save(tmp_path / "kept.npz")
+    assert benbv.Session.load(tmp_path / "kept.npz").next_view() == whole.next_view()
+    with pytest.raises(ValueError, match=f"{width} x {height} pixels, but the camera was calibrated for 640 x 360"):
+        whole.add_depth(tenths, world_from_camera=pose, **asdict(calibration(width=640, height=360)))
+    for wrong in ((640,), (640.0, 360.0), (-1, 360), "ab"):
+        with pytest.raises((ValueError, TypeError, OverflowError)):
+            whole.add_depth(tenths, camera.intrinsics, pose, size=wrong)
+    # What is in metres already is seen to be scaled twice.
+    twice = whole.add_depth(tenths * 1e-4, world_from_camera=pose, **asdict(camera))
+    assert any("already" in note for note in twice.notes)
+
+
+def test_a_cloud_in_an_unknown_unit_is_asked_for_it(sheet, tmp_path):
+    path = tmp_path / "sheet.csv"
+    rows = "".join(f"{x},{y},{z}\n" for x, y, z in 1000 * sheet)
+    path.write_text(f"x [px],y [px],z [px]\n{rows}")
+    cloud = benbv.read_cloud(path)
+    assert cloud.metres_per_unit is None and "[px]" in cloud.notes[0]
+    session = benbv.Session(0.8)
+    with pytest.raises(ValueError, match=r"the unit \[px\] of its columns is not known"):
+        session.add_file(path)
+    assert session.add_file(path, unit="mm").scans == 1
+
+
+def test_optional_tables_of_settings_are_taken_away_by_none(sheet):
+    session = benbv.Session(0.8, config={"turntable": {"stops_deg": [0, 90], "axis_point_m": [0.06, 0.06, 0]}})
+    session.configure(turntable=None)
+    assert session.config["turntable"] is None
+    session.add_points(sheet, origin=(0.06, 0.06, 0.8))
+    assert session.next_view().next.table is None
+    with pytest.raises(ValueError, match="null was given for config.camera"):
+        session.configure(camera=None)
 
 
 def test_several_views_are_planned_as_by_infer(tmp_path):

@@ -68,16 +68,15 @@ impl ScanCamera<'_> {
         (0..taken.len()).find(|&i| !taken[i] && recording.views()[i] == *view)
     }
 
-    /// Nothing is seen from a degenerate view, and of a recording from where nothing is left.
-    pub fn take(&mut self, view: &View) -> Shot {
+    /// A view, the camera at that pose. Nothing is seen from a degenerate one, and of a recording from where nothing is left.
+    pub fn take(&mut self, view: &View, pose: &Isometry3<f64>) -> Shot {
         let index = self.recorded_from(view);
         match self {
             Self::Simulated { scene, config, scratch, pose_error, displacements } => {
                 let camera = config.image.camera();
-                let commanded = view.world_from_camera();
                 let (actual, believed) = match pose_error {
-                    Some(error) => error.poses(&commanded),
-                    None => (commanded, commanded),
+                    Some(error) => error.poses(pose),
+                    None => (*pose, *pose),
                 };
                 let world_from_camera = displacements.as_mut().map_or(believed, |d| d.next() * believed);
                 let depth = match view.is_valid() {
@@ -89,7 +88,7 @@ impl ScanCamera<'_> {
             }
             Self::Recorded { recording, taken } => {
                 let Some(index) = index else {
-                    let world_from_camera = view.world_from_camera();
+                    let world_from_camera = *pose;
                     let (camera, depth) = Default::default();
                     let (actual, points) = (world_from_camera, Vec::new());
                     return Shot { camera, depth, world_from_camera, actual, points, recorded: None, table_deg: None };

@@ -7,7 +7,7 @@ fn parse(text: &str) -> Result<CameraFile, String> {
 const BROWN: [f64; 8] = [0.1, -0.2, 0.001, -0.002, 0.05, 0.0, 0.0, 0.0];
 
 fn expected(lens: Lens) -> CameraFile {
-    CameraFile { size: Some([640, 480]), intrinsics: [500.5, 501.0, 320.25, 239.0], lens }
+    CameraFile { size: Some([640, 480]), intrinsics: [500.5, 501.0, 320.25, 239.0], lens, metres_per_unit: None }
 }
 
 const ROS: &str = "image_width: 640
@@ -156,4 +156,68 @@ fn text_of_any_system_is_read() {
     let json = format!("\u{feff}{OPEN3D}");
     let wide: Vec<u8> = json.encode_utf16().flat_map(u16::to_le_bytes).collect();
     assert_eq!(parse_camera(Path::new("a.json"), &wide, None).expect("a camera"), expected(Lens::Pinhole));
+}
+
+/// A JSON camera of a tool of one's own, with more in it.
+fn with(more: &str) -> String {
+    format!("{{\"width\": 640, \"height\": 480, \"fx\": 500.5, \"fy\": 501.0, \"cx\": 320.25, \"cy\": 239.0, {more}}}")
+}
+
+#[test]
+fn a_lens_is_read_under_any_of_its_keys() {
+    let brown = expected(Lens::BrownConrady(BROWN));
+    for key in ["dist_coeff", "dist_coeffs", "distortion_coeffs", "dist", "distortion"] {
+        assert_eq!(parse(&ROS.replace("distortion_coefficients", key)), Ok(brown.clone()), "{key}");
+        assert_eq!(parse(&OPENCV.replace("distortion_coefficients", key)), Ok(brown.clone()), "{key}");
+        let json = REALSENSE.replace("\"coeffs\"", &format!("\"{key}\""));
+        assert_eq!(parse(&json), Ok(brown.clone()), "{key}");
+    }
+    let fisheye = expected(Lens::Fisheye([0.01, 0.02, 0.03, 0.04]));
+    let one = KALIBR.split("cam1:").next().expect("cam0");
+    assert_eq!(parse(&one.replace("distortion_coeffs", "distortion_coefficients")), Ok(fisheye.clone()));
+    let each = "\"p2\": -0.002, \"p1\": 1e-3, \"k1\": 0.1, \"k3\": 0.05, \"k2\": -0.2";
+    assert_eq!(parse(&with(each)), Ok(brown), "tangential ones are of this model alone");
+    let four = "\"k1\": 0.01, \"k2\": 0.02, \"k3\": 0.03, \"k4\": 0.04";
+    assert_eq!(parse(&with(&format!("{four}, \"model\": \"fisheye\""))), Ok(fisheye));
+    assert!(parse(&with(four)).expect_err("of which model?").contains("coefficients without a model"));
+    let typed = ROS.replace("distortion_model: plumb_bob", "distortion_type: thin_prism");
+    assert!(parse(&typed).expect_err("a model").contains("thin_prism"));
+}
+
+#[test]
+fn coefficients_under_another_key_are_refused_by_it() {
+    let one = KALIBR.split("cam1:").next().expect("cam0");
+    let nested = format!("{{\"intrinsics\": {}, \"lens_distortion\": [0.1, 0.2, 0, 0]}}", with("\"model\": \"none\""));
+    for text in [
+        OPENCV.replace("distortion_coefficients", "lens_distortion"),
+        one.replace("distortion_coeffs", "lens_distortion"),
+        REALSENSE.replace("\"coeffs\"", "\"lens_distortion\""),
+        OPEN3D.replace("\"width\"", "\"lens_distortion\": [0.1], \"width\""),
+        with("\"lens_distortion\": {\"a\": 0.1}"),
+        nested,
+    ] {
+        let error = parse(&text).expect_err(&text);
+        assert!(error.contains("lens_distortion: found coefficients of a lens under a key not known here"), "{error}");
+        assert!(error.contains("distortion_coefficients, "), "{error}");
+    }
+    let harmless = "\"working_distance\": 0.4, \"distortion_calibrated\": true, \"lens_dist\": [0, 0], \"dist\": null";
+    assert_eq!(parse(&with(harmless)), Ok(expected(Lens::Pinhole)));
+    let zeros = OPENCV.replace("distortion_coefficients", "lens_distortion");
+    let zeros = zeros.split("1.0000000000000001e-01").next().expect("a list").to_owned() + "0, 0. ]\n";
+    assert_eq!(parse(&zeros).map(|camera| camera.lens.is_pinhole()), Ok(true));
+}
+
+#[test]
+fn bops_camera_has_the_unit_of_its_images() {
+    let bop = CameraFile { metres_per_unit: Some(0.001 * 0.1), ..expected(Lens::Pinhole) };
+    assert_eq!(parse(&with("\"depth_scale\": 0.1")), Ok(bop));
+    for other in ["\"depth_scale\": 0.001, \"model\": \"none\"", "\"depth_scale\": 1000.0, \"serial\": 7"] {
+        assert_eq!(parse(&with(other)), Ok(expected(Lens::Pinhole)), "of another unit: {other}");
+    }
+    for wrong in ["0", "-1", "\"0.1\""] {
+        assert!(
+            parse(&with(&format!("\"depth_scale\": {wrong}"))).expect_err(wrong).contains("depth_scale"),
+            "{wrong}"
+        );
+    }
 }

@@ -1,6 +1,6 @@
 //! ROS `CameraInfo` (a calibration file, or a message as `ros2 topic echo` prints it), OpenCV's FileStorage and Kalibr's camchain.
 
-use super::{CameraFile, EXPECTED, lens, of_matrix, size};
+use super::{COEFFICIENTS, CameraFile, EXPECTED, lens, may_be_coefficients, of_matrix, size, unknown_coefficients};
 use crate::yaml::{self, Yaml};
 use crate::{FormatError, Place};
 use std::path::Path;
@@ -43,6 +43,27 @@ fn first<'a>(of: &'a Yaml, keys: &[&'static str]) -> Option<(&'static str, &'a Y
     keys.iter().find_map(|key| Some((*key, of.get(key).filter(is_there)?)))
 }
 
+/// The coefficients of a camera; none where no key names any.
+fn coefficients(path: &Path, of: &Yaml) -> Result<Vec<f64>, FormatError> {
+    if let Some((key, value)) = first(of, &COEFFICIENTS).or_else(|| first(of, &["D", "d"])) {
+        return list(path, key, value);
+    }
+    let Yaml::Map(entries) = of else { return Ok(Vec::new()) };
+    match entries.iter().find(|(key, value)| may_be_coefficients(key) && does_something(value)) {
+        Some((key, _)) => Err(unknown_coefficients(path, key)),
+        None => Ok(Vec::new()),
+    }
+}
+
+/// Whether a number other than zero is in it.
+fn does_something(value: &Yaml) -> bool {
+    match value.get("data").unwrap_or(value) {
+        text @ Yaml::Text(_) => text.number().is_some_and(|k| k != 0.0),
+        Yaml::List(list) => list.iter().any(does_something),
+        Yaml::Map(entries) => entries.iter().any(|(_, value)| does_something(value)),
+    }
+}
+
 /// ROS and OpenCV: one camera, its keys at the top.
 fn flat(path: &Path, root: &Yaml) -> Result<CameraFile, FormatError> {
     let Some((key, matrix)) = first(root, &["camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k"]) else {
@@ -64,15 +85,10 @@ fn flat(path: &Path, root: &Yaml) -> Result<CameraFile, FormatError> {
             return Err(refuse("roi", format!("{key} of {offset}")));
         }
     }
-    let keys =
-        ["distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "distCoeffs", "distortion", "D", "d"];
-    let coefficients = match first(root, &keys) {
-        Some((key, value)) => list(path, key, value)?,
-        None => Vec::new(),
-    };
+    let coefficients = coefficients(path, root)?;
     let fisheye =
         ["fisheye_model", "fisheye"].iter().any(|key| root.get(key).and_then(Yaml::number).is_some_and(|n| n != 0.0));
-    let model = match first(root, &["distortion_model", "camera_model"]) {
+    let model = match first(root, &["distortion_model", "distortion_type", "camera_model"]) {
         Some((key, value)) => {
             let wrong = || FormatError::syntax(path, Place::Part(key.to_owned()), "no name", "such as plumb_bob");
             value.text().ok_or_else(wrong)?
@@ -82,7 +98,7 @@ fn flat(path: &Path, root: &Yaml) -> Result<CameraFile, FormatError> {
     };
     // A message of a rectified image has an empty name and no coefficients.
     let model = if model.is_empty() && coefficients.iter().all(|k| *k == 0.0) { "none" } else { model };
-    Ok(CameraFile { size, intrinsics, lens: lens(path, model, &coefficients)? })
+    Ok(CameraFile { size, intrinsics, lens: lens(path, model, &coefficients)?, metres_per_unit: None })
 }
 
 /// One camera of a camchain.
@@ -100,6 +116,6 @@ fn kalibr(path: &Path, camera: &Yaml) -> Result<CameraFile, FormatError> {
     let intrinsics = intrinsics.try_into().map_err(wrong)?;
     let resolution = numbers("resolution")?;
     let size = size(path, resolution.first().copied(), resolution.get(1).copied())?;
-    let coefficients = numbers("distortion_coeffs")?;
-    Ok(CameraFile { size, intrinsics, lens: lens(path, text("distortion_model"), &coefficients)? })
+    let lens = lens(path, text("distortion_model"), &coefficients(path, camera)?)?;
+    Ok(CameraFile { size, intrinsics, lens, metres_per_unit: None })
 }

@@ -7,6 +7,8 @@ pub(super) struct Columns {
     pub(super) normal: Option<[usize; 3]>,
     /// The unit named with the positions, metres.
     pub(super) metres_per_unit: Option<f64>,
+    /// A unit named with them that is not known.
+    pub(super) unknown_unit: Option<String>,
     /// Number of names.
     pub(super) count: usize,
     /// Whether blanks part names, rather than belonging to them between commas, semicolons or tabulators.
@@ -14,12 +16,18 @@ pub(super) struct Columns {
 }
 
 /// Spellings of the three axes, from the likeliest: letters, survey coordinates, and how programs number vectors.
-const POSITIONS: [[&[&str]; 3]; 4] = [
+const POSITIONS: [[&[&str]; 3]; 5] = [
     [&["x"], &["y"], &["z"]],
     [
         &["px", "posx", "positionx", "pointx", "coordx", "coordinatex", "xcoord", "xcoordinate", "xpos", "xposition"],
         &["py", "posy", "positiony", "pointy", "coordy", "coordinatey", "ycoord", "ycoordinate", "ypos", "yposition"],
         &["pz", "posz", "positionz", "pointz", "coordz", "coordinatez", "zcoord", "zcoordinate", "zpos", "zposition"],
+    ],
+    // `X axis [mm]`, `X in mm`, `X value`.
+    [
+        &["xaxis", "xin", "xvalue", "xachse", "xwert"],
+        &["yaxis", "yin", "yvalue", "yachse", "ywert"],
+        &["zaxis", "zin", "zvalue", "zachse", "zwert"],
     ],
     [
         &["easting", "east", "e", "x", "rechtswert", "ost"],
@@ -42,7 +50,14 @@ const NORMALS: [&[&str]; 3] = [
 impl Columns {
     /// The first three columns, without names.
     pub(super) fn by_place() -> Self {
-        Self { position: [0, 1, 2], normal: None, metres_per_unit: None, count: 0, blanks_part: true }
+        Self {
+            position: [0, 1, 2],
+            normal: None,
+            metres_per_unit: None,
+            unknown_unit: None,
+            count: 0,
+            blanks_part: true,
+        }
     }
 
     /// By a line of names; `None` where they tell no position, an error where they contradict each other.
@@ -56,7 +71,7 @@ impl Columns {
     }
 
     fn of(cells: &[String], blanks_part: bool) -> Result<Option<Self>, String> {
-        let names: Vec<(String, Option<f64>)> = cells.iter().map(|cell| plain(cell)).collect();
+        let names: Vec<(String, Option<Unit>)> = cells.iter().map(|cell| plain(cell)).collect();
         let find = |axis: &[&str]| axis.iter().find_map(|&name| names.iter().position(|(n, _)| n == name));
         let all = |axes: &[&[&str]; 3]| {
             let [a, b, c] = axes.map(find);
@@ -69,11 +84,21 @@ impl Columns {
                 return Err(format!("the column {:?} twice", cells[i].trim()));
             }
         }
-        let units = position.map(|i| names[i].1);
-        if units.iter().any(|unit| *unit != units[0]) {
+        let [unit, others @ ..] = position.map(|i| &names[i].1);
+        if others.iter().any(|other| *other != unit) {
             return Err(format!("different units of {}", position.map(|i| cells[i].trim()).join(", ")));
         }
-        Ok(Some(Self { position, normal, metres_per_unit: units[0], count: cells.len(), blanks_part }))
+        let (metres_per_unit, unknown_unit) = match unit {
+            None => (None, None),
+            Some(Unit::Metres(metres)) => (Some(*metres), None),
+            Some(Unit::Unknown(found)) => (None, Some(found.clone())),
+        };
+        Ok(Some(Self { position, normal, metres_per_unit, unknown_unit, count: cells.len(), blanks_part }))
+    }
+
+    /// Whether blanks were taken to part the names of this line although marks stand between them.
+    pub(super) fn is_guess(&self, line: &str) -> bool {
+        self.blanks_part && has_marks(line, true)
     }
 
     /// The cells of a row under these names; blanks part those of a row without any mark (`# x, y, z` above `1 2 3`).
@@ -82,36 +107,71 @@ impl Columns {
     }
 }
 
-/// A name in lower-case letters and digits, and the unit that stands with it in brackets or behind a last `_`.
-fn plain(cell: &str) -> (String, Option<f64>) {
-    let cell = cell.trim_matches(|c: char| c.is_whitespace() || "\"'/#".contains(c)).to_lowercase();
-    let (name, bracketed) = match cell.find(['[', '(', '<', '{']) {
-        Some(at) => (&cell[..at], metres(cell[at..].trim_matches(|c: char| !c.is_alphanumeric() && c != 'µ'))),
-        None => (&cell[..], None),
-    };
-    let (name, unit) = match name.trim().rsplit_once(['_', ' ']) {
-        Some((before, last)) if bracketed.is_none() && metres(last).is_some() => (before, metres(last)),
-        _ => (name, bracketed),
-    };
+/// The unit that stands with a name.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Unit {
+    /// How long it is.
+    Metres(f64),
+    /// As it is written.
+    Unknown(String),
+}
+
+/// A name in lower-case letters and digits, and the unit that stands with it.
+fn plain(cell: &str) -> (String, Option<Unit>) {
+    let (name, unit) = with_unit(cell);
     (name.chars().filter(|c| c.is_alphanumeric()).collect(), unit)
 }
 
+/// A name in lower case, and the unit that stands with it in brackets or behind a last `_`.
+pub(crate) fn with_unit(cell: &str) -> (String, Option<Unit>) {
+    let cell = cell.trim_matches(|c: char| c.is_whitespace() || "\"'/#".contains(c)).to_lowercase();
+    let (name, bracketed) = match cell.find(BRACKETS) {
+        Some(at) => (&cell[..at], in_brackets(&cell[at..])),
+        None => (&cell[..], None),
+    };
+    let behind = name.trim().rsplit_once(['_', ' ']).and_then(|(before, last)| Some((before, metres(last)?)));
+    match behind.filter(|_| bracketed.is_none()) {
+        Some((before, metres)) => (before.to_owned(), Some(Unit::Metres(metres))),
+        None => (name.to_owned(), bracketed),
+    }
+}
+
+const BRACKETS: [char; 8] = ['[', ']', '(', ')', '<', '>', '{', '}'];
+
+/// The unit among words in brackets, or the first of these words.
+fn in_brackets(text: &str) -> Option<Unit> {
+    let is_edge = |c: char| !c.is_alphanumeric() && c != char::REPLACEMENT_CHARACTER;
+    let words: Vec<&str> = text.split(BRACKETS).map(|word| word.trim_matches(is_edge)).collect();
+    match words.iter().find_map(|word| metres(word)) {
+        Some(metres) => Some(Unit::Metres(metres)),
+        None => words.iter().find(|word| word.contains(char::is_alphabetic)).map(|word| Unit::Unknown((*word).into())),
+    }
+}
+
 fn metres(unit: &str) -> Option<f64> {
+    // A mu that is no UTF-8.
+    let after_mu = unit.trim_start_matches(char::REPLACEMENT_CHARACTER);
+    if after_mu.len() < unit.len() {
+        return (after_mu == "m").then_some(1e-6);
+    }
     Some(match unit {
         "m" | "metre" | "metres" | "meter" | "meters" => 1.0,
         "mm" | "millimetre" | "millimetres" | "millimeter" | "millimeters" => 0.001,
         "cm" | "centimetre" | "centimetres" | "centimeter" | "centimeters" => 0.01,
         "dm" => 0.1,
         "km" => 1000.0,
-        "um" | "µm" | "micron" | "microns" => 1e-6,
+        "um" | "\u{b5}m" | "\u{3bc}m" | "micron" | "microns" => 1e-6,
+        "micrometre" | "micrometres" | "micrometer" | "micrometers" => 1e-6,
+        "nm" | "nanometre" | "nanometres" | "nanometer" | "nanometers" => 1e-9,
         "in" | "inch" | "inches" => 0.0254,
         "ft" | "foot" | "feet" => 0.3048,
+        "yd" | "yard" | "yards" => 0.9144,
         _ => return None,
     })
 }
 
 /// Whether a line has marks between its cells other than blanks.
-pub(super) fn has_marks(line: &str, commas_part: bool) -> bool {
+pub(crate) fn has_marks(line: &str, commas_part: bool) -> bool {
     line.trim().contains(|c: char| is_mark(c, commas_part))
 }
 
@@ -155,7 +215,7 @@ pub(super) fn cells(line: &str, commas_part: bool, blanks_part: bool) -> Vec<&st
 }
 
 /// Cells of a line of names: units in brackets of their own (`X [m] Y [m]`) go with the name before.
-pub(super) fn names(line: &str, blanks_part: bool) -> Vec<String> {
+pub(crate) fn names(line: &str, blanks_part: bool) -> Vec<String> {
     let mut names: Vec<String> = vec![];
     for cell in cells(line, true, blanks_part) {
         match names.last_mut().filter(|_| cell.starts_with(['[', '(', '<', '{'])) {

@@ -40,7 +40,7 @@ struct Head {
     columns: Option<(usize, Columns)>,
     /// The same in a comment: a guess.
     comment: Option<(usize, Columns)>,
-    /// A line of words that names no positions.
+    /// A line of words that names no positions, unless `columns` are guessed right from it.
     title: Option<(usize, String)>,
     /// A lone number.
     count: Option<u64>,
@@ -71,28 +71,28 @@ impl Head {
         }
         let refuse =
             |found: String| FormatError::syntax(path, Place::Line(number), found, "every column once, in one unit");
-        match Columns::named(content).map_err(refuse)? {
-            Some(columns) => self.columns = Some((number, columns)),
-            None => self.title = Some((number, content.trim().to_owned())),
+        let columns = Columns::named(content).map_err(refuse)?;
+        if columns.as_ref().is_none_or(|columns| columns.is_guess(content)) {
+            self.title = Some((number, content.trim().to_owned()));
         }
+        self.columns = columns.map(|columns| (number, columns));
         Ok(true)
     }
 
-    /// The names of the columns above the first point; those in a comment only where there are as many. As many others, with
-    /// marks between them, say that the columns are no positions.
+    /// The names of the columns above the first point; those in a comment, or guessed, only where there are as many. As many
+    /// others, with marks between them, say that the columns are no positions.
     fn columns_of(&self, path: &Path, content: &str) -> Result<Option<(usize, Columns)>, FormatError> {
         let commas = commas_part(content);
         let count = |cells: &[&str]| cells.iter().rposition(|c| !c.is_empty()).map_or(0, |last| last + 1);
         let whole = count(&cells(content, commas, !has_marks(content, commas)));
+        let fits = |(_, columns): &(usize, Columns)| columns.count == count(&columns.cells(content, commas));
+        let named = self.columns.clone().filter(|columns| self.title.is_none() || fits(columns));
         match &self.title {
-            Some((line, title)) if has_marks(title, true) && names(title, false).len() == whole => {
+            Some((line, title)) if named.is_none() && has_marks(title, true) && names(title, false).len() == whole => {
                 let expected = "x, y and z, or easting, northing and height, among the names of the columns";
                 Err(FormatError::syntax(path, Place::Line(*line), format!("{title:?}"), expected))
             }
-            _ => {
-                let fits = |(_, columns): &(usize, Columns)| columns.count == count(&columns.cells(content, commas));
-                Ok(self.columns.clone().or_else(|| self.comment.clone().filter(fits)))
-            }
+            _ => Ok(named.or_else(|| self.comment.clone().filter(fits))),
         }
     }
 }
@@ -176,7 +176,7 @@ impl Table<'_> {
         if six && !normals {
             notes.push(super::columns_ignored());
         }
-        if let Some((line, title)) = head.title {
+        if let Some((line, title)) = head.title.filter(|_| self.named_in == 0) {
             notes.push(format!("line {line}, {title:?}, names no x, y and z: the first three columns were used"));
         }
         if self.counts_lines() {
@@ -195,6 +195,7 @@ impl Table<'_> {
         let rows = self.rows.into_iter().map(|(position, other)| (position, other.filter(|_| normals)));
         let mut file = CloudFile::gather(self.path, rows, None)?.with_notes(notes);
         file.metres_per_unit = self.columns.metres_per_unit;
+        file.unknown_unit = self.columns.unknown_unit;
         Ok(file)
     }
 }

@@ -117,3 +117,20 @@ fn json_is_laid_over_settings_table_by_table() {
     assert!(unknown.starts_with("config: unknown field `no_such_key`"), "{unknown}");
     assert_eq!(wrong(serde_json::json!([1])), "config: expected an object of settings");
 }
+
+#[test]
+fn null_takes_away_what_is_optional_alone() {
+    #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    struct Cell {
+        table: Option<Camera>,
+        camera: Camera,
+    }
+    let base = Cell { table: Some(Camera::default()), ..Cell::default() };
+    let over = |base: &Cell, changes| overlaid(base, changes, "config");
+    assert_eq!(over(&base, serde_json::json!({ "table": null })), Ok(Cell::default()));
+    let again = over(&Cell::default(), serde_json::json!({ "table": { "width": 3 } })).unwrap();
+    assert_eq!(again.table.map(|table| table.width), Some(3));
+    let error = over(&base, serde_json::json!({ "table": null, "camera": null })).expect_err("not optional");
+    assert!(error.starts_with("config: invalid type: null") && error.contains("config.camera"), "{error}");
+}

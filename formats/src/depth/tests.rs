@@ -52,6 +52,7 @@ fn the_unit_given_counts_for_floats_too() {
     let bytes = [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &values].concat();
     let read = |unit| parse_depth(Path::new("a.npy"), &bytes, unit).unwrap();
     assert_eq!((read(Some(0.001)).image.depth, read(Some(0.001)).notes.len()), (vec![0.8, 0.9], 0));
+    assert!(read(Some(1e-6)).notes[0].contains("below 1 mm in the given unit"), "{:?}", read(Some(1e-6)).notes);
     let guessed = read(None);
     assert_eq!(guessed.image.depth, [800.0, 900.0]);
     assert!(guessed.notes[0].contains("--depth-unit 0.001"), "{:?}", guessed.notes);
@@ -97,4 +98,16 @@ fn pictures_of_depths_are_said_and_transparent_pixels_are_no_return() {
     let file = parse_depth(Path::new("a.png"), &bytes, None).unwrap();
     assert_eq!(file.image.depth, [0.8, 0.0, 0.9]);
     assert_eq!(file.notes, ["1 transparent pixels are taken for pixels without a return"]);
+}
+
+#[test]
+fn the_unit_of_a_cameras_file_is_said_unless_it_is_the_usual_one() {
+    let note = |image: &str, given, told| told_unit(Path::new(image), given, told, "--depth-unit");
+    assert_eq!(note("a.png", None, None), None);
+    assert_eq!(note("a.png", None, Some(0.001)), None);
+    assert_eq!(note("a.png", Some(0.0001), Some(0.001 * 0.1)), None);
+    assert!(note("a.png", None, Some(0.0001)).expect("unusual").contains("read in units of 0.0001 m"));
+    assert!(note("a.npy", None, Some(0.001)).expect("of floats, perhaps").contains("depth_scale"));
+    let both = note("a.png", Some(0.001), Some(0.0001)).expect("which?");
+    assert!(both.contains("units of 0.0001 m") && both.contains("0.001 m as --depth-unit says"), "{both}");
 }

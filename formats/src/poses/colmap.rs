@@ -24,9 +24,9 @@ fn image(line: &str) -> Option<([f64; 8], &str)> {
     Some((values, rest))
 }
 
-/// Whether a line begins an image of COLMAP, rather than being ten numbers.
+/// Whether a line begins an image of COLMAP, rather than being numbers alone.
 pub(super) fn is_image(line: &str) -> bool {
-    image(line).is_some_and(|(_, name)| name.parse::<f64>().is_err())
+    image(line).is_some_and(|(_, name)| super::numbers(name).is_none())
 }
 
 /// Whether a line holds points: X Y POINT3D_ID, again and again.
@@ -46,7 +46,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<FilePose>, FormatErro
         let camera_from_world =
             from_quaternion([qx, qy, qz, qw], [x, y, z]).map_err(|e| wrong(e, "a unit quaternion w x y z"))?;
         let name = Some(name.to_owned());
-        poses.push(inverse(FilePose { world_from_camera: camera_from_world, intrinsics: None, name, off: 0.0 }));
+        poses.push(inverse(FilePose { world_from_camera: camera_from_world, name, ..FilePose::default() }));
         lines.next_if(|(_, line)| line.trim().is_empty() || is_points(line));
     }
     Ok(poses)

@@ -23,7 +23,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<FilePose>, FormatErro
                     return Err(wrong(format!("{} numbers after {file}", values.len())));
                 };
                 let world_from_camera = from_quaternion([-qx, -qy, -qz, qw], [x, y, z]).map_err(&wrong)?;
-                poses.push(FilePose { world_from_camera, intrinsics: None, name: Some(file.to_owned()), off: 0.0 });
+                poses.push(FilePose { world_from_camera, name: Some(file.to_owned()), ..FilePose::default() });
             }
             _ => return Err(wrong(line.to_owned())),
         }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 use std::path::Path;
 
-/// Metres per unit of BOP.
+/// Metres per unit of BOP's positions.
 const BOP_UNIT_M: f64 = 0.001;
 
 const EXTRINSIC: Given = ["extrinsic", "a rigid motion, camera_from_world, 4 x 4, column by column, metres"];
@@ -31,6 +31,7 @@ struct BopCamera {
     r: [f64; 9],
     #[serde(rename = "cam_t_w2c")]
     t: [f64; 3],
+    depth_scale: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -50,6 +51,16 @@ struct Open3d {
 #[derive(Deserialize)]
 struct Open3dIntrinsic {
     intrinsic_matrix: [f64; 9],
+    width: Option<f64>,
+    height: Option<f64>,
+}
+
+impl Open3dIntrinsic {
+    /// Columns and rows; Open3D writes -1 where it does not know them.
+    fn size(&self, path: &Path) -> Result<Option<[u32; 2]>, FormatError> {
+        let [width, height] = [self.width, self.height].map(|side| side.filter(|n| *n > 0.0));
+        crate::camera::size(path, width, height)
+    }
 }
 
 pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<FilePose>, FormatError> {
@@ -102,8 +113,9 @@ fn open3d(path: &Path, place: Place, entry: Value) -> Result<FilePose, FormatErr
     let read: Open3d = read(path, &place, entry, "Open3D's camera: extrinsic, 16 numbers column by column")?;
     let e = read.extrinsic;
     let rows = std::array::from_fn(|row| std::array::from_fn(|column| e[4 * column + row]));
+    let size = read.intrinsic.as_ref().map_or(Ok(None), |i| i.size(path))?;
     let intrinsics = read.intrinsic.map(|i| i.intrinsic_matrix).map(|k| [k[0], k[4], k[6], k[7]]);
-    Ok(FilePose { intrinsics, ..inverse(of_matrix(path, place, EXTRINSIC, &rows)?) })
+    Ok(FilePose { intrinsics, size, ..inverse(of_matrix(path, place, EXTRINSIC, &rows)?) })
 }
 
 /// Images by their numbers, in the order of those.
@@ -119,7 +131,7 @@ fn bop(path: &Path, map: Map<String, Value>) -> Result<Vec<FilePose>, FormatErro
     let pose = |(_, key, entry): (u64, String, Value)| {
         let place = Place::Part(format!("image {key}"));
         let metres = |t: [f64; 3]| t.map(|x| BOP_UNIT_M * x);
-        let (pose, intrinsics) = match entry {
+        let pose = match entry {
             Value::Array(mut objects) => {
                 if objects.len() != 1 {
                     let found = format!("{} objects", objects.len());
@@ -127,19 +139,21 @@ fn bop(path: &Path, map: Map<String, Value>) -> Result<Vec<FilePose>, FormatErro
                 }
                 let expected = "BOP's cam_R_m2c (9 numbers) and cam_t_m2c (3, millimetres)";
                 let truth: BopTruth = read(path, &place, objects.swap_remove(0), expected)?;
-                (of_parts(path, place, BOP_TRUTH, &truth.r, &metres(truth.t))?, None)
+                of_parts(path, place, BOP_TRUTH, &truth.r, &metres(truth.t))?
             }
             entry => {
                 let expected = "BOP's cam_R_w2c (9 numbers) and cam_t_w2c (3, millimetres); not every set has them, \
                                 scene_gt.json has the object's pose instead";
                 let camera: BopCamera = read(path, &place, entry, expected)?;
-                (
-                    of_parts(path, place, BOP_CAMERA, &camera.r, &metres(camera.t))?,
-                    camera.k.map(|k| [k[0], k[4], k[2], k[5]]),
-                )
+                let unit = |scale| crate::depth::bop_unit(path, place.clone(), scale);
+                FilePose {
+                    metres_per_unit: camera.depth_scale.map(unit).transpose()?,
+                    intrinsics: camera.k.map(|k| [k[0], k[4], k[2], k[5]]),
+                    ..of_parts(path, place.clone(), BOP_CAMERA, &camera.r, &metres(camera.t))?
+                }
             }
         };
-        Ok(FilePose { intrinsics, name: Some(key), ..inverse(pose) })
+        Ok(FilePose { name: Some(key), ..inverse(pose) })
     };
     images.into_iter().map(pose).collect()
 }

@@ -46,6 +46,66 @@ fn rows_and_lines_are_world_from_camera() {
 }
 
 #[test]
+fn one_matrix_per_line_is_world_from_camera() {
+    let kitti = "0 -1 0 1 1 0 0 2 0 0 1 3\n";
+    takes(kitti, FORWARD, 1);
+    takes(&format!("# poses\r\n{kitti}\r\n{}", kitti.replace(' ', ", ")), FORWARD, 2);
+    takes("0 -1 0 1 1 0 0 2 0 0 1 3 0 0 0 1\n", FORWARD, 1);
+    for (text, said) in [
+        ("0 1 0 0 -1 0 0 0 0 0 1 0 1 2 3 1\n", "line 1: found world_from_camera: the last row must be 0 0 0 1"),
+        ("0 -1 0 1 1 0 0 2 0 0 2 3\n", "line 1: found world_from_camera is not a rigid motion"),
+        ("1 0 0 1 0 1 0 2 0 0 1 3 4\n", "line 1: found 13 numbers"),
+        ("1 0 0 1\n1 0 0 0 0 1 0 0 0 0 1 0\n", "line 2: found 12 numbers"),
+        ("1 1 2 3 0 0 0 1 4 7\n", "line 1: found 10 numbers"),
+    ] {
+        assert!(refused(text).contains(said), "{said:?} not in: {}", refused(text));
+    }
+}
+
+#[test]
+fn names_above_a_table_say_its_order_and_unit() {
+    let euroc = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []";
+    let moving =
+        ", v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_a_RS_S_x [m s^-2]";
+    let (w_first, w_last) = (format!("1,2,3,{H},0,0,{H}"), format!("1,2,3,0,0,{H},{H}"));
+    takes(&format!("{euroc}\r\n1403636580838555648,{w_first}\r\n"), FORWARD, 1);
+    takes(&format!("{euroc}{moving}\n7,{w_first},9,9,9,9,9\n8,{w_first},9,9,9,9,9\n"), FORWARD, 2);
+    for (names, row) in [
+        ("# timestamp tx ty tz qw qx qy qz", format!("7,{w_first}")),
+        ("timestamp,tx,ty,tz,qw,qx,qy,qz", format!("7,{w_first}")),
+        (
+            "% time;position.x;position.y;position.z;orientation.w;orientation.x;orientation.y;orientation.z",
+            format!("7,{w_first}"),
+        ),
+        ("# tx ty tz qw qx qy qz", format!("7,{w_first}")),
+        ("# tx ty tz qw qx qy qz", w_first.clone()),
+        ("# time tx ty tz qw qx qy qz\n# 1 pose", format!("7,{w_first}")),
+        ("# format: time tx ty tz qw qx qy qz (of the camera)", format!("7,{w_first}")),
+        ("# frame x y z [mm] qx qy qz qw", format!("7,1000,2000,3000,0,0,{H},{H}")),
+        ("# time qx qy qz qw x y z", format!("7,0,0,{H},{H},1,2,3")),
+        ("# time tx ty tz x y z w", format!("7,{w_last}")),
+        ("# time x y z qx qy qz qw", format!("7,{w_last}")),
+        ("# the poses of the camera, by hand", format!("7,{w_last}")),
+        ("# frame x[mm] y[mm] z[mm] qx qy qz qw", format!("7,1000,2000,3000,0,0,{H},{H}")),
+        ("# frame, x_cm, y_cm, z_cm, qx, qy, qz, qw", format!("7,100,200,300,0,0,{H},{H}")),
+    ] {
+        takes(&format!("{names}\n{row}\n"), FORWARD, 1);
+    }
+    let contradicts = "line 2: found names in line 1: ";
+    for (names, said) in [
+        ("# time x y z roll pitch yaw id", "x, y, z, but no qx, qy, qz, qw, are named"),
+        ("# time lat lon alt qw qx qy qz", "qx, qy, qz, qw, but no x, y, z, are named"),
+        ("# time x[mm] y[mm] z[m] qx qy qz qw", "different units of x, y and z"),
+        ("# time x[px] y[px] z[px] qx qy qz qw", "the unit \"px\", which is not known"),
+    ] {
+        let message = refused(&format!("{names}\n7,{w_last}\n"));
+        assert!(message.contains(&format!("{contradicts}{said}")), "{message}");
+    }
+    let many = refused(&format!("# time x vx y vy z vz qx qy qz qw\n7,{w_last}\n"));
+    assert!(many.contains("line 2: found 8 numbers under 11 names in line 1"), "{many}");
+}
+
+#[test]
 fn a_conf_turns_the_other_way_and_shifts_as_written() {
     // Back by a quarter, (1, 0, 0) becomes (0, -1, 0), and (1, 1, 3) with the translation.
     let expected = [1.0, 1.0, 3.0];
@@ -78,6 +138,10 @@ fn bop_is_camera_from_world_in_millimetres() {
     let file = takes(&format!("{{\"10\": {{{camera}}},\r\n \"9\": {{{camera}, \"extra\": null}}}}"), INVERSE, 2);
     assert_eq!(file.poses[0].intrinsics, Some([500.0, 510.0, 320.0, 240.0]));
     assert_eq!(file.poses[0].name.as_deref(), Some("9"), "by number, not as text");
+    assert_eq!(file.poses[0].metres_per_unit, Some(0.001 * 0.1));
+    let scale = |scale: &str| format!("{{\"1\": {{{}}}}}", camera.replace("\"depth_scale\": 0.1, ", scale));
+    assert_eq!(read(&scale("")).poses[0].metres_per_unit, None);
+    assert!(refused(&scale("\"depth_scale\": 0, ")).contains("image 1: found a depth_scale of 0"));
     let truth = format!("{{\"cam_R_m2c\": {r}, \"cam_t_m2c\": [1000, 2000, 3000], \"obj_id\": 4}}");
     takes(&format!("{{\"0\": [{truth}]}}"), INVERSE, 1);
     takes(&format!("\n{{ \"3\": [{truth}], \"000004\": [{truth}] }}\r\n"), INVERSE, 2);
@@ -93,6 +157,9 @@ fn open3d_is_camera_from_world_by_columns() {
                   \"version_major\": 1}";
     let file = takes(camera, INVERSE, 1);
     assert_eq!(file.poses[0].intrinsics, Some([500.0, 510.0, 320.0, 240.0]));
+    assert_eq!(file.poses[0].size, Some([640, 480]));
+    let unknown = camera.replace("640", "-1").replace("480", "-1");
+    assert_eq!(read(&unknown).poses[0].size, None);
     let bare = "{\"extrinsic\": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]}";
     takes(
         &format!("{{\"class_name\": \"PinholeCameraTrajectory\",\r\n\"parameters\": [{camera}, {bare}]}}"),

@@ -2,7 +2,7 @@
 
 use super::{Described, DescribedScan};
 use crate::cloud::read_cloud;
-use crate::depth::read_depth;
+use crate::depth::{read_depth, told_unit};
 use crate::poses::FilePose;
 use crate::{FormatError, Place};
 use geometry::{DepthImage, PinholeCamera};
@@ -81,7 +81,12 @@ impl Reader<'_> {
                     let found = format!("intrinsics {:?}", [fx, fy, cx, cy]);
                     return Err(wrong((found, "fx, fy, cx, cy in pixels, fx and fy positive")));
                 }
-                let depth = self.depth(file, &mut notes)?;
+                let depth = self.depth(file, filed.and_then(|p| p.metres_per_unit), &mut notes)?;
+                let known = filed.filter(|_| scan.intrinsics.is_none()).and_then(|p| p.size);
+                if let Some([width, height]) = known.filter(|size| *size != depth.size) {
+                    let found = format!("{} x {} pixels in {file}", depth.size[0], depth.size[1]);
+                    return Err(wrong((found, &format!("{width} x {height}, as the file of poses has the camera"))));
+                }
                 Some((PinholeCamera { width: depth.size[0], height: depth.size[1], fx, fy, cx, cy }, depth))
             }
         };
@@ -93,6 +98,11 @@ impl Reader<'_> {
     fn points(&self, cloud: &str, notes: &mut Vec<String>) -> Result<Vec<Point3<f64>>, FormatError> {
         let file = read_cloud(&self.folder.join(cloud))?;
         notes.extend(file.notes.iter().map(|note| format!("{cloud}: {note}")));
+        if let Some(unit) = file.unknown_unit {
+            let expected = "metres, or another unit that is known: convert the cloud, or rename its columns";
+            let place = Place::Part("names of the columns".to_owned());
+            return Err(FormatError::syntax(&self.folder.join(cloud), place, format!("the unit {unit:?}"), expected));
+        }
         let mut points = file.cloud.points;
         if let Some(unit) = file.metres_per_unit.filter(|unit| *unit != 1.0) {
             notes.push(format!("{cloud}: read in units of {unit} m, as its columns say"));
@@ -101,10 +111,12 @@ impl Reader<'_> {
         Ok(points)
     }
 
-    /// A depth image, metres.
-    fn depth(&self, image: &str, notes: &mut Vec<String>) -> Result<DepthImage, FormatError> {
-        let file = read_depth(&self.folder.join(image), self.described.depth_unit_m)?;
-        notes.extend(file.notes.iter().map(|note| format!("{image}: {note}")));
+    /// A depth image, metres; `told` is its unit by the file of poses.
+    fn depth(&self, image: &str, told: Option<f64>, notes: &mut Vec<String>) -> Result<DepthImage, FormatError> {
+        let (path, given) = (self.folder.join(image), self.described.depth_unit_m);
+        let file = read_depth(&path, given.or(told))?;
+        let odd = told_unit(&path, given, told, "depth_unit_m");
+        notes.extend(file.notes.into_iter().chain(odd).map(|note| format!("{image}: {note}")));
         Ok(file.image)
     }
 }

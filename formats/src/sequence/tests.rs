@@ -228,3 +228,47 @@ fn poses_go_to_the_scans_that_they_are_called_like() {
     let found = positions(["c.png", "a.png"], ["a.ply", "b.ply"], &own).expect("it tells its own");
     assert!((found[0] - 2.0).abs() < 1e-9 && (found[1] - 3.0).abs() < 1e-9, "{found:?}");
 }
+
+#[test]
+fn what_a_file_of_poses_says_of_the_images_counts() {
+    let (dir, view, _) = folder();
+    let m = view.world_from_camera_with_up(&Vector3::z()).inverse().to_homogeneous();
+    let r: Vec<f64> = (0..9).map(|i| m[(i / 3, i % 3)]).collect();
+    let t: Vec<f64> = (0..3).map(|k| 1000.0 * m[(k, 3)]).collect();
+    let image = DepthImage { origin: [0, 0], size: [40, 30], depth: vec![1.0; 1200] };
+    write_depth(&dir.path().join("tenths.png"), &image, 40, 30, 0.0001).expect("written");
+    let k = "[200, 0, 19.5, 0, 200, 14.5, 0, 0, 1]";
+    let camera = format!("{{\"cam_K\": {k}, \"depth_scale\": 0.1, \"cam_R_w2c\": {r:?}, \"cam_t_w2c\": {t:?}}}");
+    fs::write(dir.path().join("bop.json"), format!("{{\"0\": {camera}, \"1\": {camera}}}")).expect("written");
+    let text = |poses: &str, unit: &str, image: &str| {
+        let scan = format!("{{\"cloud\": \"a.ply\", \"depth\": \"{image}\"}}");
+        format!("{{\"working_distance_m\": 1, {unit}\"poses\": \"{poses}\", \"scans\": [{scan}, {scan}]}}")
+    };
+    let path = dir.path().join(SEQUENCE);
+    fs::write(&path, text("bop.json", "", "tenths.png")).expect("written");
+    let (sequence, notes) = read_with_notes(&path).expect("in tenths of a millimetre");
+    assert_eq!(sequence.scans[0].image.as_ref().and_then(|(_, depth)| depth.at(3, 5)), Some(1.0));
+    assert!(notes[0].contains("tenths.png: read in units of 0.0001 m"), "{notes:?}");
+    fs::write(&path, text("bop.json", "\"depth_unit_m\": 0.001, ", "a.png")).expect("written");
+    let (_, notes) = read_with_notes(&path).expect("in millimetres, as given");
+    assert!(notes[0].contains("read in units of 0.001 m as depth_unit_m says"), "{notes:?}");
+
+    let e: Vec<f64> = m.iter().copied().collect();
+    let intrinsic = "{\"width\": 80, \"height\": 60, \"intrinsic_matrix\": [200, 0, 0, 0, 200, 0, 19.5, 14.5, 1]}";
+    let camera = format!("{{\"extrinsic\": {e:?}, \"intrinsic\": {intrinsic}}}");
+    fs::write(dir.path().join("o3d.json"), format!("{{\"parameters\": [{camera}, {camera}]}}")).expect("written");
+    let error = read(dir.path(), &text("o3d.json", "", "a.png")).expect_err("of another size").to_string();
+    assert!(error.contains("found 40 x 30 pixels in a.png, expected 80 x 60"), "{error}");
+}
+
+#[test]
+fn a_cloud_in_an_unknown_unit_is_refused() {
+    let (dir, ..) = folder();
+    fs::write(dir.path().join("a.csv"), "x [px],y [px],z [px]\n1,2,3\n").expect("written");
+    let error = read(
+        dir.path(),
+        &format!("{{\"working_distance_m\": 1, \"scans\": [{SCAN}, {}]}}", SCAN.replace("ply", "csv")),
+    );
+    let error = error.expect_err("how long?").to_string();
+    assert!(error.contains("a.csv") && error.contains("found the unit \"px\""), "{error}");
+}

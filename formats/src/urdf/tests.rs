@@ -199,6 +199,10 @@ fn collision_meshes_are_found_in_their_package_and_held_by_balls() {
             assert!(link.balls_m.iter().all(|ball| distance(&p, ball) > 0.0), "{p}");
         }
     }
+    let other = "<mesh filename=\"package://other/meshes/arm.stl\" scale=\"0.001 0.001 0.001\"/>";
+    let other = text.replacen("<sphere radius=\"0.08\"/>", other, 1);
+    let read = parse_urdf(&path, other.as_bytes(), "tool0").expect("an arm");
+    assert!(read.notes[0].contains("link shoulder_link: no folder of the package \"other\""), "{:?}", read.notes);
     let far = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"../meshes/arm.stl\"/>", 1);
     let read = parse_urdf(&path, far.as_bytes(), "tool0").expect("an arm");
     assert!(read.notes[0].contains("is its scale right"), "{:?}", read.notes);
@@ -206,6 +210,37 @@ fn collision_meshes_are_found_in_their_package_and_held_by_balls() {
     std::fs::write(&path, "<robot/>").expect("written");
     let read = parse_urdf(&path, collada.as_bytes(), "tool0").expect("an arm");
     assert!(read.notes[0].contains("cannot be read") && read.notes[0].contains(".stl"), "{:?}", read.notes);
+}
+
+#[test]
+fn a_mesh_is_that_of_its_package_wherever_that_lies() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let put = |path: &str| {
+        let path = folder.path().join(path);
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        std::fs::write(&path, "solid").expect("written");
+        path
+    };
+    let urdf = put("src/cell/urdf/cell.urdf");
+    let prefixes = [folder.path().join("opt")];
+    let find = |name: &str| mesh::find(&urdf, name, &prefixes);
+    let missing = find("package://gripper/meshes/base.stl").expect_err("nowhere");
+    assert!(
+        missing.contains("package://gripper/meshes/base.stl") && missing.contains("AMENT_PREFIX_PATH"),
+        "{missing}"
+    );
+    let missing = find("../meshes/base.stl").expect_err("nowhere");
+    assert!(missing.contains("expected it at") && missing.contains("base.stl"), "{missing}");
+    let own = put("src/cell/meshes/base.stl");
+    assert_eq!(find("package://cell/meshes/base.stl"), Ok((own.clone(), None)));
+    assert_eq!(find("../meshes/base.stl").map(|(_, note)| note), Ok(None));
+    let (path, note) = find("package://gripper/meshes/base.stl").expect("that of another package");
+    assert!(path == own && note.is_some_and(|note| note.contains("\"gripper\"") && note.contains("was used instead")));
+    // From the last place to the first.
+    for place in ["opt/share/gripper", "gripper/share/gripper", "src/gripper"] {
+        let path = put(&format!("{place}/meshes/base.stl"));
+        assert_eq!(find("package://gripper/meshes/base.stl"), Ok((path, None)), "{place}");
+    }
 }
 
 #[test]

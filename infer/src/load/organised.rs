@@ -1,13 +1,44 @@
 //! Organised clouds are depth images where their pixels prove a pinhole camera.
 
-use formats::cloud::Grid;
+use formats::cloud::{CloudFile, Grid};
 use geometry::{DepthImage, PinholeCamera};
 use nalgebra::{Isometry3, Point3, Vector2};
+use planning::{NoReturn, Scan};
+
+/// An organised cloud as the depth image that it is.
+pub(super) struct Organised {
+    camera: PinholeCamera,
+    depth: DepthImage,
+    /// The camera's pose in the frame of the points: that of the file, or the identity.
+    pub pose: Isometry3<f64>,
+}
+
+impl Organised {
+    /// `None` where the pixels prove no camera.
+    pub fn of(file: &CloudFile) -> Option<Self> {
+        let grid = file.grid.as_ref()?;
+        let mut poses = file.viewpoint.into_iter().chain([Isometry3::identity()]);
+        poses.find_map(|pose| {
+            let (camera, depth) = depth_of_organised(&file.cloud.points, grid, &pose)?;
+            Some(Self { camera, depth, pose })
+        })
+    }
+
+    /// Whether the points are in their sensor's own frame.
+    pub fn in_sensor_frame(&self) -> bool {
+        self.pose == Isometry3::identity()
+    }
+
+    /// The scan of this pose. Sensors that write organised clouds leave out what they failed on, too.
+    pub fn scan(self, world_from_camera: Isometry3<f64>) -> Scan {
+        Scan::Depth { camera: self.camera, depth: self.depth, world_from_camera, misses: NoReturn::Unknown }
+    }
+}
 
 /// The pinhole camera that maps every point of an organised cloud onto its pixel, seen from `world_from_camera`, and
 /// the depth image; `None` where no such camera does within a pixel (a scanner with another geometry, or another
 /// frame).
-pub(super) fn depth_of_organised(
+fn depth_of_organised(
     points: &[Point3<f64>],
     grid: &Grid,
     world_from_camera: &Isometry3<f64>,

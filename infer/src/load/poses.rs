@@ -17,11 +17,18 @@ pub struct PoseFile {
     pub intrinsics: Option<[f64; 4]>,
 }
 
-/// A pose from tx,ty,tz,qx,qy,qz,qw, from a file with one, or, as FILE:NAME or FILE:INDEX, from one with several.
+/// A pose from tx,ty,tz,qx,qy,qz,qw, from a file with one, or, as FILE:NAME or FILE:INDEX, from one with several; and fx, fy, cx, cy where
+/// the file has them.
 pub fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
+    file_pose(text).map(|pose| (pose.world_from_camera, pose.intrinsics))
+}
+
+/// The pose of [`read_pose`] with all that its file says beside it.
+pub(super) fn file_pose(text: &str) -> Result<FilePose> {
     if let Ok([x, y, z, qx, qy, qz, qw]) = crate::args::numbers::<7>(text) {
         let pose = from_quaternion([qx, qy, qz, qw], [x, y, z]).map_err(anyhow::Error::msg);
-        return Ok((pose.with_context(|| format!("--pose {text}"))?, None));
+        let world_from_camera = pose.with_context(|| format!("--pose {text}"))?;
+        return Ok(FilePose { world_from_camera, ..FilePose::default() });
     }
     let (file, wanted) = match text.rsplit_once(':') {
         Some((file, wanted)) if !Path::new(text).exists() => (file, Some(wanted)),
@@ -42,8 +49,7 @@ pub fn read_pose(text: &str) -> Result<(Isometry3<f64>, Option<[f64; 4]>)> {
             named.or_else(|| poses.get(wanted.parse::<usize>().ok()?))
         }
     };
-    let pose = chosen.with_context(|| format!("--pose {text}: no such pose among the {count} of {file}"))?;
-    Ok((pose.world_from_camera, pose.intrinsics))
+    chosen.cloned().with_context(|| format!("--pose {text}: no such pose among the {count} of {file}"))
 }
 
 /// The poses of cameras of a file, for [`planning::Session::set_given_views`].

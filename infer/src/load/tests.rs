@@ -124,7 +124,7 @@ fn a_principal_point_outside_is_said() {
     let notes = |size: [u32; 2], intrinsics| {
         let image = DepthImage { origin: [0, 0], size, depth: vec![0.0; (size[0] * size[1]) as usize] };
         let file = DepthFile { image, notes: Vec::new() };
-        let camera = DepthCamera { intrinsics, lens: Lens::Pinhole, size: None };
+        let camera = DepthCamera { intrinsics, lens: Lens::Pinhole, size: None, metres_per_unit: None };
         from_depth_file(file, &camera, Isometry3::identity(), NoReturn::Unknown).map(|loaded| loaded.reading.notes)
     };
     assert!(notes([32, 24], [600.0, 600.0, 640.0, 360.0]).expect("read")[0].contains("is outside"));
@@ -229,4 +229,111 @@ fn a_path_makes_a_line_scanners_scan_of_a_cloud() {
     {
         assert!(Origin::parse(text).expect_err(text).contains(why), "{text}");
     }
+}
+
+#[test]
+fn an_organised_cloud_in_its_sensors_frame_is_placed_by_the_pose_of_its_file_or_the_one_given() {
+    let camera = PinholeCamera { width: 64, height: 48, fx: 55.0, fy: 50.0, cx: 30.0, cy: 25.5 };
+    let posed = |x: f64| Isometry3::new(nalgebra::Vector3::new(x, 2.0, 3.0), nalgebra::Vector3::new(0.3, 0.2, 0.1));
+    let pose_of = |loaded: &Loaded| match &loaded.scan {
+        Scan::Depth { world_from_camera, .. } => *world_from_camera,
+        other => panic!("{other:?}"),
+    };
+    let own = |viewpoint| CloudFile { viewpoint, ..organised(&camera, &Isometry3::identity()) };
+    let loaded = from_cloud_file(own(Some(posed(1.0))), None);
+    assert_eq!(pose_of(&loaded), posed(1.0));
+    assert!(loaded.reading.notes[0].contains("VIEWPOINT was taken for the pose"), "{:?}", loaded.reading.notes);
+
+    for (viewpoint, notes) in [(None, 0), (Some(posed(1.0)), 0), (Some(posed(1.5)), 1)] {
+        let loaded = placed(own(viewpoint), None, &posed(1.0)).expect("placed");
+        assert_eq!((pose_of(&loaded), loaded.reading.notes.len()), (posed(1.0), notes), "{:?}", loaded.reading.notes);
+    }
+    let both = placed(own(Some(posed(1.5))), None, &posed(1.0)).expect("placed").reading.notes;
+    assert!(both[0].contains("at (1.500, 2.000, 3.000) m (VIEWPOINT): the pose given was used instead"), "{both:?}");
+
+    let moved = || CloudFile { viewpoint: Some(posed(1.0)), ..organised(&camera, &posed(1.0)) };
+    let same = placed(moved(), None, &posed(1.0)).expect("the same pose twice");
+    assert_eq!((pose_of(&same), same.reading.notes.len()), (posed(1.0), 0));
+    let error = placed(moved(), None, &posed(1.5)).expect_err("points that are placed already");
+    assert!(error.contains("VIEWPOINT, at (1.000, 2.000, 3.000) m: omit --pose"), "{error}");
+}
+
+#[test]
+fn a_unit_that_is_not_known_is_asked_for() {
+    let bytes = b"x [secret],y [secret],z [secret]\n1000,2000,3000\n";
+    let error = cloud_bytes("a.csv", bytes, None, None).expect_err("which unit?").to_string();
+    assert!(error.contains("a.csv\": the unit [secret] of its columns is not known: give --unit"), "{error}");
+    let error = named_cloud(Path::new("a.csv"), bytes, None, None).expect_err("which unit?").to_string();
+    assert!(error.contains("give the unit") && !error.contains("secret"), "{error}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.csv");
+    std::fs::write(&path, bytes).expect("written");
+    assert!(cloud(&path, None, None).is_err() && cloud_from(&path, None, "0,0,0,0,0,0,1").is_err());
+    let given = Some(Unit::Mm);
+    for read in
+        [cloud_bytes("a.csv", bytes, given, None), named_cloud(&path, bytes, given, None), cloud(&path, given, None)]
+    {
+        let Scan::Cloud { cloud, .. } = read.expect("in millimetres").scan else { panic!("a cloud") };
+        assert_eq!(cloud.points[0], Point3::new(1.0, 2.0, 3.0));
+    }
+}
+
+/// An image of 64 x 48 pixels, a metre away in steps of a tenth of a millimetre.
+fn in_tenths(folder: &Path) -> std::path::PathBuf {
+    let image = folder.join("d.png");
+    let seen = DepthImage { origin: [0, 0], size: [64, 48], depth: vec![1.0; 64 * 48] };
+    formats::depth::write_depth(&image, &seen, 64, 48, 1e-4).expect("an image");
+    image
+}
+
+#[test]
+fn the_unit_that_a_file_of_cameras_says_counts_unless_one_is_given() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = in_tenths(folder.path());
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("written");
+        path.display().to_string()
+    };
+    let rotation = "\"cam_R_w2c\": [1, 0, 0, 0, 1, 0, 0, 0, 1], \"cam_t_w2c\": [0, 0, 0]";
+    let k = "\"cam_K\": [50, 0, 31.5, 0, 50, 23.5, 0, 0, 1]";
+    let scene = file("scene.json", &format!("{{\"0\": {{{k}, \"depth_scale\": 0.1, {rotation}}}}}"));
+    let all =
+        "{\"cx\": 31.5, \"cy\": 23.5, \"depth_scale\": 0.1, \"fx\": 50, \"fy\": 50, \"height\": 48, \"width\": 64}";
+    let all = DepthCamera::from(formats::camera::read_camera(&file("camera.json", all)).expect("BOP's"));
+    let read = |unit, pose: &str, camera| {
+        let Loaded { scan, reading } = depth(&image, unit, pose, camera, NoReturn::Unknown).expect("an image");
+        let Scan::Depth { depth, .. } = scan else { panic!("a depth image") };
+        (depth.depth[0], reading.notes)
+    };
+    for (pose, camera) in [(&scene[..], None), ("0,0,0,0,0,0,1", Some(all))] {
+        let (z, notes) = read(None, pose, camera);
+        assert_eq!(z, 1.0, "{pose}");
+        assert!(notes[0].contains("read in units of 0.0001 m"), "{notes:?}");
+        let (z, notes) = read(Some(0.001), pose, camera);
+        assert_eq!(z, 10.0, "{pose}");
+        assert!(notes[0].contains("read in units of 0.001 m as --depth-unit says"), "{notes:?}");
+    }
+    // The image's own file counts before that of the camera.
+    let other = DepthCamera { metres_per_unit: Some(0.5), ..all };
+    assert_eq!(read(None, &scene, Some(other)).0, 1.0);
+}
+
+#[test]
+fn intrinsics_of_a_pose_file_are_of_the_size_that_it_says() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = in_tenths(folder.path());
+    let pose = folder.path().join("pose.json");
+    let read = |size: [u32; 2]| {
+        let text = format!(
+            "{{\"extrinsic\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1], \"intrinsic\": {{\"width\": {}, \"height\": {}, \
+             \"intrinsic_matrix\": [50, 0, 0, 0, 50, 0, 31.5, 23.5, 1]}}}}",
+            size[0], size[1]
+        );
+        std::fs::write(&pose, text).expect("written");
+        depth(&image, Some(1e-4), &pose.display().to_string(), None, NoReturn::Unknown)
+    };
+    assert!(read([64, 48]).is_ok());
+    let error = format!("{:#}", read([128, 96]).expect_err("of another size"));
+    assert!(error.contains("64 x 48 pixels, but the camera was calibrated for 128 x 96"), "{error}");
 }

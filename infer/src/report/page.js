@@ -126,7 +126,7 @@ candidates.forEach((c, i) => {
   const key = document.createElement('i');
   key.style.background = `rgb(${tint(c).map(v => Math.round(255 * v)).join()})`;
   cell('').append(key, String(i));
-  cell(c.score.toFixed(3)); cell(percent(c.gain)); cell(percent(c.overlap)); cell(D.candidates[i].pose.slice(0, 3).map(r => r[3].toFixed(3)).join(' '));
+  cell(c.score.toFixed(3)); cell(percent(c.gain)); cell(percent(c.overlap)); cell(c.at.map(x => x.toFixed(3)).join(' ') + (c.stop == null ? '' : `, table ${+c.stop.toFixed(1)}°`));
   row.onclick = () => choose(i);
   row.onkeydown = e => { if (e.key === 'Enter' || e.key === ' ') { e.preventDefault(); choose(i); } };
   $('#rows').append(row);

@@ -1,5 +1,6 @@
 use super::*;
-use planning::{PlannerName, Scan, Session, SessionConfig};
+use planning::reach::JointValue;
+use planning::{Missing, PlannerName, Reached, Scan, Session, SessionConfig, TurntableConfig};
 
 #[test]
 fn a_hostile_title_stays_text_and_nothing_is_loaded() {
@@ -24,6 +25,36 @@ fn a_hostile_title_stays_text_and_nothing_is_loaded() {
     assert!(page.contains("&lt;script&gt;alert(1)"), "it is shown as text");
     assert!(!page.contains("http://") && !page.contains("https://"), "nothing is loaded from elsewhere");
     assert!(page.contains("<polyline"), "the coverage is drawn");
+}
+
+#[test]
+fn what_a_robot_is_driven_by_is_told_in_the_cell_with_the_stop_and_the_joints() {
+    let points = (0..900).map(|i| Point3::new(f64::from(i % 30) * 0.004, f64::from(i / 30) * 0.004, 0.0)).collect();
+    let cloud = geometry::PointCloud { points, normals: Vec::new() };
+    let turntable = Some(TurntableConfig { stops_deg: vec![30.0], ..Default::default() });
+    let config = SessionConfig { planner: PlannerName::Farthest, turntable, ..Default::default() };
+    let mut session = Session::new(config, None).expect("settings in range");
+    session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.06, 0.06, 1.0)) }).expect("a scan");
+    let mut answer = session.next_view().expect("an answer");
+    answer.missing = Some(Missing { share: 0.25, between: [0.2, 0.4], out_of_reach_share: 0.125, holes: Vec::new() });
+    let next = answer.next.as_mut().expect("a view");
+    let joints = vec![JointValue { name: "<elbow>".to_owned(), value: 0.5 }];
+    next.reached = Some(Reached { joints, travel: 0.5 });
+    let row = |pose: &Pose| pose.matrix[0].map(|x| format!("{x:10.6}")).join(" ");
+    let (in_cell, turned) = (next.table.as_ref().expect("a stop"), row(&next.world_from_camera));
+    let in_cell = row(&in_cell.cell_from_camera);
+    assert_ne!(in_cell, turned, "a twelfth of a turn apart");
+    let html = side(&answer, &[]);
+    for told in ["turn the table to 30 degrees", "cell_from_camera", &in_cell, "&lt;elbow&gt; 0.5000"] {
+        assert!(html.contains(told), "{told}: {html}");
+    }
+    assert!(!html.contains("world_from_camera") && !html.contains(&turned), "{html}");
+    for (name, share) in [("missing", "25.0 %"), ("out of reach", "12.5 %")] {
+        assert!(html.contains(&format!("<dt>{name}</dt><dd>{share}</dd>")), "{html}");
+    }
+    let data = page_data(&answer, &ReportInput { title: "a", session: &session, coverage: &[] });
+    let first = &data["candidates"][0];
+    assert_eq!((&first["stop"], &first["at"]), (&json!(30.0), &json!(answer.candidates[0].position_in_cell())));
 }
 
 #[test]

@@ -323,7 +323,7 @@ impl DepthRequest<'_> {
             None => Ok(Lens::Pinhole),
         };
         let lens = lens.map_err(|found| bad(format!("distortion: found {found}")))?;
-        let camera = DepthCamera { intrinsics: self.intrinsics, lens, size: None };
+        let camera = DepthCamera { intrinsics: self.intrinsics, lens, size: None, metres_per_unit: None };
         load::from_depth_file(file, &camera, world_from_camera, misses).map_err(|e| bad(format!("{e:#}")))
     }
 }

@@ -2,15 +2,17 @@
 //!
 //! ```text
 //! DIR/lock             held by the service that writes here
-//! DIR/state.toml       version, and the last name given to a session
-//! DIR/3/session.toml   session 3: settings, number of scans, answers kept for repetition
+//! DIR/state.toml       version, the last name given to a session, answers to who created or deleted one
+//! DIR/3/session.toml   session 3: settings, number of scans, places of rejected ones, answers kept for repetition
 //! DIR/3/scan-0001      a line with the settings that the scan came under, then the request as it came
 //! ```
 //!
 //! Each file begins with its checksum; those of version 1 had none. Each file is written beside its place, synced and renamed. `session.toml` is written last: what it does not count is not there.
 
-use super::Refusal;
+mod error;
+
 use super::answers::Kept;
+use error::{damaged, io};
 use formats::checksum;
 use formats::config::to_toml;
 use formats::run::atomic_write;
@@ -20,6 +22,8 @@ use serde::{Deserialize, Serialize};
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+
+pub use error::StoreError;
 
 /// Of the files.
 const VERSION: u32 = 2;
@@ -41,11 +45,17 @@ pub struct Store {
     lock: File,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
     version: u32,
     last: u64,
+    /// The session that is being deleted: where the program ends before it is gone, it goes when the folder is opened again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    deleting: Option<u64>,
+    /// To who created or deleted a session. The one to who created the last is in its record too, and may be missing here.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    answers: Vec<Kept>,
 }
 
 /// A session without its scans.
@@ -58,6 +68,12 @@ pub struct Record {
     /// To requests that changed something.
     #[serde(default)]
     pub answers: Vec<Kept>,
+    /// To the request that created it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub created: Option<Kept>,
+    /// Cameras of scans that were rejected, and that views keep away from.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rejected_from_m: Vec<[f64; 3]>,
     /// As they are now.
     pub config: SessionConfig,
 }
@@ -65,7 +81,8 @@ pub struct Record {
 impl Record {
     /// Of the version written here.
     pub fn new(scans: usize, answers: Vec<Kept>, config: &SessionConfig) -> Self {
-        Self { version: VERSION, scans, answers, config: config.clone() }
+        let (created, rejected_from_m) = (None, Vec::new());
+        Self { version: VERSION, scans, answers, created, rejected_from_m, config: config.clone() }
     }
 }
 
@@ -76,6 +93,8 @@ pub struct Found {
     pub last: u64,
     /// The sessions by name, with the number of their scans, or what is wrong with them.
     pub sessions: Vec<(u64, Result<usize, StoreError>)>,
+    /// To who created or deleted a session, oldest first.
+    pub answers: Vec<Kept>,
 }
 
 /// A scan as it was asked for.
@@ -97,59 +116,6 @@ struct ScanHead {
     line: bool,
     /// As TOML, whose numbers are exact.
     config: String,
-}
-
-/// Why sessions cannot be kept, or not be read again.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// Two services, one folder.
-    #[error("{0:?}: in use by another infer: stop it, or give another folder")]
-    Taken(PathBuf),
-    /// The system refuses.
-    #[error("{path:?}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// Not as it is written here.
-    #[error("{path:?}: {reason}: {WAY_OUT}")]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// Of another program.
-    #[error("{path:?}: version {found}, expected {VERSION}: use the program that wrote it, or another folder")]
-    Version {
-        /// The file.
-        path: PathBuf,
-        /// Its version.
-        found: u32,
-    },
-    /// It cannot be written, or is not what was written.
-    #[error(transparent)]
-    Write(#[from] formats::FormatError),
-    /// Settings that TOML cannot say.
-    #[error(transparent)]
-    Settings(#[from] formats::ConfigError),
-}
-
-impl From<StoreError> for Refusal {
-    fn from(error: StoreError) -> Self {
-        Self::new(500, "state", format!("the session cannot be saved or loaded: {error}"))
-    }
-}
-
-fn io(path: &Path) -> impl FnOnce(std::io::Error) -> StoreError {
-    let path = path.to_owned();
-    move |source| StoreError::Io { path, source }
-}
-
-fn damaged(path: &Path, reason: impl ToString) -> StoreError {
-    StoreError::Damaged { path: path.to_owned(), reason: reason.to_string().trim_end().replace('\n', " ") }
 }
 
 fn version(path: &Path, found: u32, sealed: bool) -> Result<(), StoreError> {
@@ -213,11 +179,11 @@ impl Store {
         }
         let store = Self { folder: folder.to_owned(), lock };
         let at = folder.join("state.toml");
-        let mut last = 0;
+        let mut state = State::default();
         let mut forgotten = false;
         if fs::exists(&at).map_err(io(&at))? {
             match read_toml(&at, |state: &State| state.version) {
-                Ok(state) => last = state.last,
+                Ok(read) => state = read,
                 Err(error @ StoreError::Version { .. }) => return Err(error),
                 Err(error) => {
                     tracing::warn!("{error}; new sessions get names that no older one can have had");
@@ -225,6 +191,12 @@ impl Store {
                 }
             }
         }
+        if let Some(id) = state.deleting.take() {
+            // Once: a folder of that name may be put back by hand.
+            let ended = store.remove(id).and_then(|()| store.write_state(&state));
+            ended.unwrap_or_else(|error| tracing::warn!("{error}"));
+        }
+        let State { last, mut answers, .. } = state;
         let mut sessions = Vec::new();
         for entry in fs::read_dir(folder).map_err(io(folder))? {
             let name = entry.map_err(io(folder))?.file_name();
@@ -234,12 +206,16 @@ impl Store {
             if !fs::exists(&at).map_err(io(&at))? {
                 continue;
             }
-            sessions.push((id, store.record(id).map(|record| record.scans)));
+            let record = store.record(id);
+            let created = record.as_ref().ok().filter(|_| id == last).and_then(|record| record.created.clone());
+            let created = created.filter(|created| !answers.contains(created));
+            answers.extend(created);
+            sessions.push((id, record.map(|record| record.scans)));
         }
         sessions.sort_by_key(|(id, _)| *id);
         let last = sessions.last().map_or(last, |(id, _)| last.max(*id));
         let last = last.saturating_add(if forgotten { FORGOTTEN } else { 0 });
-        Ok((store, Found { last, sessions }))
+        Ok((store, Found { last, sessions, answers }))
     }
 
     fn record_path(&self, id: u64) -> PathBuf {
@@ -250,13 +226,16 @@ impl Store {
         self.folder.join(id.to_string()).join(format!("scan-{number:04}"))
     }
 
-    /// A new session.
+    fn write_state(&self, state: &State) -> Result<(), StoreError> {
+        Ok(atomic_write(&self.folder.join("state.toml"), &sealed(&to_toml(state)?))?)
+    }
+
+    /// A new session; `answers` are those to who created or deleted others.
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn create(&self, id: u64, record: &Record) -> Result<(), StoreError> {
-        let state = toml::to_string(&State { version: VERSION, last: id }).map_err(|e| damaged(&self.folder, e))?;
-        atomic_write(&self.folder.join("state.toml"), &sealed(&state))?;
+    pub fn create(&self, id: u64, record: &Record, answers: Vec<Kept>) -> Result<(), StoreError> {
+        self.write_state(&State { version: VERSION, last: id, deleting: None, answers })?;
         let folder = self.folder.join(id.to_string());
         fs::create_dir_all(&folder).map_err(io(&folder))?;
         Ok(atomic_write(&self.record_path(id), &sealed(&to_toml(record)?))?)
@@ -300,12 +279,12 @@ impl Store {
     /// Bytes of a scan with its settings, of a body of at most `body`.
     ///
     /// # Errors
-    /// It cannot be read, or none of that size was written.
+    /// It cannot be read, or is larger.
     pub fn scan_size(&self, id: u64, number: usize, body: usize) -> Result<usize, StoreError> {
         let path = self.scan_path(id, number);
         let (size, most) = (size(&path)?, body as u64 + RECORD);
         match size > most {
-            true => Err(damaged(&path, format!("{} MiB, and no scan is larger than {}", size >> 20, most >> 20))),
+            true => Err(StoreError::TooLarge { path, mib: size.div_ceil(1 << 20), most_mib: body as u64 >> 20 }),
             false => Ok(size as usize),
         }
     }
@@ -330,7 +309,19 @@ impl Store {
         damaged(&self.scan_path(id, number), why)
     }
 
-    /// Ends a session.
+    /// Ends a session together with the answer to who asked for that, the last of `answers`; `last` is the last name that was given.
+    ///
+    /// # Errors
+    /// It cannot be written, or removed.
+    pub fn delete(&self, id: u64, last: u64, answers: Vec<Kept>) -> Result<(), StoreError> {
+        let mut state = State { version: VERSION, last, deleting: Some(id), answers };
+        self.write_state(&state)?;
+        self.remove(id)?;
+        state.deleting = None;
+        self.write_state(&state)
+    }
+
+    /// Ends a session, if it is there.
     ///
     /// # Errors
     /// It cannot be removed.
@@ -342,7 +333,10 @@ impl Store {
             _ => {}
         }
         let folder = self.folder.join(id.to_string());
-        fs::remove_dir_all(&folder).map_err(io(&folder))
+        match fs::remove_dir_all(&folder) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(io(&folder)(e)),
+            _ => Ok(()),
+        }
     }
 }
 

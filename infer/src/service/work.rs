@@ -1,5 +1,6 @@
 //! What is asked of one session, done.
 
+use super::answers::Kept;
 use super::store::Record;
 use super::{
     Answers, Asks, Entry, Held, Key, Memory, Method, OnDeadline, Patience, Refusal, Reply, Service, Store, Written,
@@ -8,6 +9,7 @@ use super::{
 use crate::load::Loaded;
 use crate::plan::Planned;
 use crate::request::{Ask, Body, NextRequest, over};
+use nalgebra::Point3;
 use planning::scan::{FARTHEST_M, Scan};
 use planning::session::Request;
 use planning::{Budget, Network, Session, SessionConfig, SessionError};
@@ -17,11 +19,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
+/// Places of rejected scans that a session remembers at most; the oldest are forgotten.
+const PLACES: usize = 1000;
+
 /// A session with its share of the memory and its answers; who works on it holds the lock.
 pub struct Open {
     session: Session,
     held: Held,
     answers: Answers,
+    /// To the request that created it.
+    created: Option<Kept>,
     /// What is on disk counts, and has to be read before anything is asked of the session.
     unread: bool,
 }
@@ -33,7 +40,8 @@ impl Open {
     /// Bad settings, or no memory for it.
     pub fn empty(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
         let session = Session::new(config, network)?;
-        let mut open = Self { session, held: memory.nothing(), answers: Answers::default(), unread: false };
+        let (held, answers) = (memory.nothing(), Answers::default());
+        let mut open = Self { session, held, answers, created: None, unread: false };
         open.held.resize(open.memory())?;
         Ok(open)
     }
@@ -44,12 +52,31 @@ impl Open {
     /// Bad settings.
     pub fn on_disk(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
         let session = Session::new(config, network)?;
-        Ok(Self { session, held: memory.nothing(), answers: Answers::default(), unread: true })
+        let (held, answers) = (memory.nothing(), Answers::default());
+        Ok(Self { session, held, answers, created: None, unread: true })
+    }
+
+    /// The same with the answer to the request that created it, where that has a key.
+    #[must_use]
+    pub fn created_by(self, created: Option<Kept>) -> Self {
+        Self { created, ..self }
     }
 
     /// As it goes to disk.
     pub fn record(&self) -> Record {
-        Record::new(self.session.num_scans(), self.answers.to_disk(), self.session.config())
+        let mut record = Record::new(self.session.num_scans(), self.answers.to_disk(), self.session.config());
+        record.created.clone_from(&self.created);
+        record.rejected_from_m = self.session.rejected_from().iter().map(|p| p.coords.into()).collect();
+        record
+    }
+
+    /// After a refusal: the places of rejected scans are those `before`, and that of a scan that was just rejected; whether it was.
+    fn was_rejected(&mut self, before: Vec<Point3<f64>>) -> bool {
+        let now = self.session.rejected_from();
+        let rejected = now.len() > before.len();
+        let places = if rejected { now[now.len().saturating_sub(PLACES)..].to_vec() } else { before };
+        self.session.set_rejected_from(places);
+        rejected
     }
 
     /// To ask in this program.
@@ -112,6 +139,7 @@ impl Service {
         }
         let mutates = matches!(ask, Ask::AddScan { .. } | Ask::Undo | Ask::Reset);
         let (scans, config) = (open.session.num_scans(), open.session.config().clone());
+        let places = open.session.rejected_from().to_vec();
         let attempt = catch_unwind(AssertUnwindSafe(|| self.attempt(open, ask, patience)));
         let answer = attempt.unwrap_or_else(|_| {
             let restored = catch_unwind(AssertUnwindSafe(|| open.session.restore(scans)));
@@ -124,10 +152,12 @@ impl Service {
         if answer.is_err() && *open.session.config() != config {
             open.session.configure(config)?;
         }
+        let rejected = answer.is_err() && open.was_rejected(places);
         open.answers.keep(key, &answer);
-        if let Some(store) = self.store.as_ref().filter(|_| changed && answer.is_ok()) {
+        if let Some(store) = self.store.as_ref().filter(|_| rejected || (changed && answer.is_ok())) {
+            let scan = written.as_ref().filter(|_| !rejected);
             // What cannot be written is not done: the session is read anew, as it was.
-            store.write(id, &open.record(), written.as_ref()).inspect_err(|_| open.unread = true)?;
+            store.write(id, &open.record(), scan).inspect_err(|_| open.unread = true)?;
         }
         answer
     }
@@ -246,7 +276,9 @@ fn read_back(store: &Store, id: u64, open: &mut Open, most: usize) -> Result<(),
         open.held.cover(open.memory())?;
     }
     open.session.configure(record.config)?;
+    open.session.set_rejected_from(record.rejected_from_m.into_iter().map(Point3::from).collect());
     open.answers = Answers::from_disk(record.answers);
+    open.created = record.created;
     open.unread = false;
     Ok(())
 }
@@ -264,7 +296,7 @@ fn export(session: &Session) -> Result<Reply, Refusal> {
     struct Export<'a> {
         scans: usize,
         config: &'a SessionConfig,
-        points_m: &'a [nalgebra::Point3<f64>],
+        points_m: &'a [Point3<f64>],
         normals: &'a [nalgebra::Vector3<f64>],
         spacing_m: f64,
     }
@@ -284,7 +316,7 @@ const MESH: usize = 4 << 10;
 fn mesh(open: &mut Open, patience: &Patience) -> Result<Reply, Refusal> {
     #[derive(Serialize)]
     struct Triangles<'a> {
-        vertices_m: &'a [nalgebra::Point3<f64>],
+        vertices_m: &'a [Point3<f64>],
         normals: &'a [nalgebra::Vector3<f64>],
         triangles: &'a [[u32; 3]],
         rim: &'a [bool],

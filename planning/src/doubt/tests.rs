@@ -86,25 +86,30 @@ fn scans_that_do_not_fit_are_told_apart_from_noise() {
 
 #[test]
 fn a_view_below_the_table_is_warned_of() {
-    let warned = |table: bool, floor: Option<f64>| {
-        // A dome, on the plane it was scanned with or hanging free; only views from below are given.
+    let warned = |table: bool, floor: Option<f64>, turntable: Option<crate::TurntableConfig>| {
+        // A dome, on the plane it was scanned with or hanging free; only a view from below is given, or from above where it is upside down.
         let mut cloud = PointCloud { normals: Vec::new(), ..dome() };
         let rim = cloud.points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
         if table {
             let at = |i: usize| Point3::new(0.003 * (i % 100) as f64 - 0.15, 0.003 * (i / 100) as f64 - 0.15, rim);
             cloud.points.extend((0..10_000).map(at).filter(|p| p.x.hypot(p.y) > 0.1));
         }
-        let mut config = SessionConfig::default();
+        let side = if turntable.is_some() { 1.0 } else { -1.0 };
+        let mut config = SessionConfig { turntable, ..Default::default() };
         config.constraints.floor_height_m = floor;
         let mut session = Session::new(config, None).expect("settings in range");
         session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.0, 0.0, 1.2)) }).expect("a scan");
-        let below = geometry::View { target: Point3::origin(), position: Point3::new(0.4, 0.0, -1.1) };
+        let below = geometry::View { target: Point3::origin(), position: Point3::new(0.4, 0.0, side * 1.1) };
         session.set_given_views(vec![below.world_from_camera()]);
-        session.next_view().expect("an answer").warnings.iter().any(|w| w.contains("constraints.floor_height_m="))
+        let answer = session.next_view().expect("an answer");
+        assert!(answer.next.is_some());
+        answer.warnings.iter().any(|w| w.contains("constraints.floor_height_m="))
     };
-    assert!(warned(true, None), "the plane is evident");
-    assert!(!warned(false, None), "no sign of a table");
-    assert!(!warned(true, Some(-2.0)), "the user said where it is");
+    assert!(warned(true, None, None), "the plane is evident");
+    assert!(!warned(false, None, None), "no sign of a table");
+    assert!(!warned(true, Some(-2.0), None), "the user said where it is");
+    let over = crate::TurntableConfig { axis_direction: [1.0, 0.0, 0.0], stops_deg: vec![180.0], ..Default::default() };
+    assert!(!warned(true, None, Some(over)), "turned over, the camera is above all of it");
 }
 
 #[test]

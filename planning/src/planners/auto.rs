@@ -2,6 +2,7 @@
 
 use crate::config::{PlannerName, SessionConfig};
 use crate::planners::farthest::FarthestPlanner;
+use crate::planners::volumetric::SeenPart;
 use crate::{
     Allowed, Angles, CameraPose, CandidateConfig, ExpectedPoint, Hole, NoReturn, PlanError, Planner, RankedView,
     ScanState, Seen, Surface, VolumetricConfig, VolumetricPlanner, Workspace,
@@ -208,7 +209,7 @@ impl AutoPlanner {
     }
 
     /// What cameras see of it ([`VolumetricPlanner::seen_of_expected`]).
-    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<[f64; 2]>) {
+    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<SeenPart>>, Vec<[f64; 2]>) {
         self.volumetric.seen_of_expected(state, poses)
     }
 

@@ -83,8 +83,9 @@ impl Planner for FarthestPlanner {
             let nearest = past.iter().map(|p| p.dot(&d)).fold(-1.0, f64::max);
             nearest.clamp(-1.0, 1.0).acos() / std::f64::consts::PI
         };
-        let mut ranked: Vec<RankedView> =
-            views.into_iter().map(|view| RankedView::scored(view, angle(&view))).collect();
+        let are_given = !state.given_views.is_empty();
+        let ranked = |(i, view)| RankedView { given: are_given.then_some(i), ..RankedView::scored(view, angle(&view)) };
+        let mut ranked: Vec<RankedView> = views.into_iter().enumerate().map(ranked).collect();
         ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
         checked(&self.name, ranked, PlanError::NoBoundary)
     }

@@ -20,9 +20,9 @@ use carved::Carved;
 use geometry::coverage::overlap_response;
 use geometry::{PinholeCamera, View};
 use grid::VoxelGrid;
-pub use holes::{Allowed, ExpectedPoint, Hole, Unseen};
+pub use holes::{Allowed, ExpectedPoint, Hole, SeenPart, Unseen};
 use march::{Leaps, Marcher};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use silhouette::Silhouette;
@@ -100,8 +100,10 @@ const THIN: f64 = 0.25;
 pub struct ViewForecast {
     /// The view.
     pub view: View,
-    /// What the score counts, as a share of the whole: the expected surface that its points would cover within the
-    /// tolerance, and half of what pixels see that enter unknown space without meeting any.
+    /// Which of the given views it is; `None` where views are not given.
+    pub given: Option<usize>,
+    /// What the score counts, as a share of the whole: the surface that its points would cover within the tolerance and that no point
+    /// covers yet, expected or measured, and half of what pixels see that enter unknown space without meeting any.
     pub gain: f64,
     /// The gain to tell: the expected surface in its image as a share of the whole, at most what is missing, and less where
     /// past scans looked and measured nothing.
@@ -232,11 +234,11 @@ impl VolumetricPlanner {
         }
         self.placed = state.num_placed();
         let near = state.neighborhoods(self.config.candidates.boundary.neighbors);
-        let mut candidates: Vec<(View, Isometry3<f64>)> = if state.given_views.is_empty() {
+        let mut candidates: Vec<(View, Option<usize>)> = if state.given_views.is_empty() {
             let own = candidate_views(cloud, &near, state.working_distance, &self.config.candidates, rng);
-            own.iter().map(|c| (c.view, c.view.world_from_camera())).collect()
+            own.iter().map(|c| (c.view, None)).collect()
         } else {
-            state.given().into_iter().zip(state.given_views.iter().copied()).collect()
+            state.given().into_iter().zip((0..).map(Some)).collect()
         };
         self.leaps = None;
         let mut grid = self.carved_grid(state);
@@ -262,23 +264,25 @@ impl VolumetricPlanner {
         let thin = backs_m2 > THIN * whole;
         if thin && state.given_views.is_empty() {
             let at_backs = backs::views(&grid, state.working_distance);
-            candidates.extend(at_backs.map(|view| (view, view.world_from_camera())));
+            candidates.extend(at_backs.map(|view| (view, None)));
         }
         let marcher = Marcher::new(&grid, &leaps, &state.sensor);
         let stride = ray_stride(&state.camera, state.working_distance, grid.voxel);
-        let look = |(view, pose): &(View, Isometry3<f64>)| {
+        let look = |(view, given): &(View, Option<usize>)| {
             if state.budget.is_spent() {
                 return None;
             }
-            let seen = marcher.forecast(&state.camera, pose, stride, state.tolerance);
+            let pose = state.pose(view, *given);
+            let seen = marcher.forecast(&state.camera, &pose, stride, state.tolerance);
             let area = seen.area;
             // What lies beyond bounds the gain from above; it means nothing where misses do not carve.
-            let (backs, pixels) = marcher.backs_in_view(&state.camera, pose);
+            let (backs, pixels) = marcher.backs_in_view(&state.camera, &pose);
             let told = if thin { seen.with_expected(pixels) } else { seen };
             let new = area.covered + if carves { 0.5 * area.beyond } else { 0.0 } + if thin { backs } else { 0.0 };
             let all = (seen.hidden + seen.known).max(1.0);
             Some(ViewForecast {
                 view: *view,
+                given: *given,
                 gain: new / total,
                 reported_gain: ((area.expected + backs) / whole).min(missing),
                 overlap: seen.overlap(trust),
@@ -313,8 +317,13 @@ impl VolumetricPlanner {
         };
         let ranked = |f: &ViewForecast| {
             let score = if self.config.gain_only { f.gain } else { score(f) };
-            let (gain, overlap) = (Some(f.reported_gain), f.reported_overlap);
-            RankedView { gain, overlap, cautious_overlap: f.cautious_overlap, ..RankedView::scored(f.view, score) }
+            RankedView {
+                gain: Some(f.reported_gain),
+                overlap: f.reported_overlap,
+                cautious_overlap: f.cautious_overlap,
+                given: f.given,
+                ..RankedView::scored(f.view, score)
+            }
         };
         let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
         let least = match self.config.min_overlap {

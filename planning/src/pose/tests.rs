@@ -34,6 +34,23 @@ fn settings_turn_the_image() {
 }
 
 #[test]
+fn forecasts_have_the_answered_pose_and_by_default_the_published_one_to_the_last_bit() {
+    let seen_from = view([1.0, 1.0, 0.5]);
+    let by_default = CameraRoll::new(&PoseConfig::default(), &Vector3::z());
+    assert_eq!(by_default, CameraRoll::default());
+    assert_eq!(by_default.world_from_camera(&seen_from), seen_from.world_from_camera());
+    let answered = world_from_camera(&seen_from, &PoseConfig::default(), &Vector3::z());
+    let off = by_default.world_from_camera(&seen_from).to_homogeneous() - answered.to_homogeneous();
+    assert!(off.amax() < 1e-12, "{off}");
+    let sideways = PoseConfig { extra_roll_deg: 90.0, ..Default::default() };
+    let published = PoseConfig { roll: Roll::Published, ..sideways };
+    for (config, up) in [(sideways, Vector3::z()), (PoseConfig::default(), Vector3::x()), (published, Vector3::x())] {
+        let expected = world_from_camera(&seen_from, &config, &up);
+        assert_eq!(CameraRoll::new(&config, &up).world_from_camera(&seen_from), expected, "{config:?}");
+    }
+}
+
+#[test]
 fn a_matrix_off_by_rounding_becomes_the_rotation_next_to_it() {
     let exact = view([1.0, 2.0, 0.5]).world_from_camera();
     let mut rows = Pose::from(&exact).matrix;

@@ -127,6 +127,37 @@ fn what_keeps_it_away_is_told() {
 }
 
 #[test]
+fn it_touches_what_the_object_stands_on() {
+    let mut joints = [0.0; MOST_JOINTS];
+    (joints[0], joints[1]) = (0.4, 0.8);
+    let pose = Reach::new(&planar(3.0)).camera(&joints);
+    let (eye, ahead) = (Point3::from(pose.translation.vector), pose * Vector3::z());
+    let lattice = || (0..1600).map(|i| [i % 40, i / 40].map(|x| 0.005 * (f64::from(x) - 19.5)));
+    // A board to look at, and the support's plane, which the first link goes through.
+    let across = [ahead.cross(&Vector3::z()), Vector3::z()];
+    let object = lattice().map(|[u, v]| eye + ahead * 0.35 + across[0] * u + across[1] * v);
+    let table = lattice().map(|[u, v]| Point3::new(0.25 + u, 0.1, v));
+    let config = SessionConfig {
+        robot: Some(RobotConfig { avoid_unknown: false, ..planar(3.0) }),
+        support: crate::Support::plane([0.0, 1.0, 0.0, 0.1]),
+        working_distance_m: 0.35,
+        ..Default::default()
+    };
+    let mut session = Session::new(config, None).expect("in range");
+    session.set_given_views(vec![pose]);
+    let against = |session: &Session| session.place(&session.state().given()[0]).objections;
+    let scan =
+        |points: Vec<Point3<f64>>| Scan::Cloud { cloud: PointCloud { points, normals: Vec::new() }, from: Some(eye) };
+    session.add_scan(scan(object.clone().collect())).expect("a scan");
+    assert!(against(&session).is_empty(), "the board alone: {:?}", against(&session));
+    let report = session.add_scan(scan(object.chain(table).collect())).expect("a scan");
+    assert_eq!(report.on_support, 1600);
+    let touched = against(&session);
+    assert!(touched.len() == 1 && touched[0].reason.contains("first link would touch measured surface"), "{touched:?}");
+    assert!(session.undo() && against(&session).is_empty(), "gone with its scan");
+}
+
+#[test]
 fn hand_eye_calibrations_go_either_way_and_not_both() {
     let one = planar(3.0);
     let inverse = one.flange_from_camera().inverse();

@@ -4,7 +4,7 @@ use super::visible::visible;
 use super::{About, Frame, Icp, Information, Motion, PoseError, Registrability, RegistrationConfig};
 use crate::ScanState;
 use geometry::View;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Largest probability of failure that the planner accepts.
@@ -30,10 +30,10 @@ impl Prediction {
     }
 }
 
-/// The surface of the session's cloud that a view sees.
-pub fn seen_again(state: &ScanState, view: &View, frame: &Frame) -> Information {
+/// The surface of the session's cloud that a view measures from this pose of its camera.
+pub fn seen_again(state: &ScanState, view: &View, world_from_camera: &Isometry3<f64>, frame: &Frame) -> Information {
     let mut information = Information::default();
-    for (i, area) in visible(&state.cloud, &state.camera, state.grid_size, view) {
+    for (i, area) in visible(&state.cloud, state.grid_size, state, view, world_from_camera) {
         let n = &state.cloud.normals[i];
         let n: Vector3<f64> = n / n.norm();
         information.add(&(state.cloud.points[i] - frame.center), &n, area, frame.radius);
@@ -125,9 +125,20 @@ impl Demand {
         }
     }
 
-    /// What is expected of a view.
+    /// What is expected of a view that is none of those given.
     pub fn predict(&self, state: &ScanState, view: &View, frame: &Frame) -> Prediction {
-        let information = seen_again(state, view, frame);
+        self.predict_from(state, view, &state.pose(view, None), frame)
+    }
+
+    /// What is expected of a view with its camera at this pose.
+    pub fn predict_from(
+        &self,
+        state: &ScanState,
+        view: &View,
+        world_from_camera: &Isometry3<f64>,
+        frame: &Frame,
+    ) -> Prediction {
+        let information = seen_again(state, view, world_from_camera, frame);
         let lambda = information.lambda(frame.radius);
         Prediction { lambda, failure: self.failure(lambda), weakest: information.weakest(frame) }
     }

@@ -237,7 +237,8 @@ fn what_a_view_would_see_again_is_the_area_that_faces_it() {
         let frame = Frame::around(&[&state.cloud]);
         let from = |direction: [f64; 3]| {
             let position = target + distance * Vector3::from(direction).normalize();
-            registrability::seen_again(&state, &View { target, position }, &frame)
+            let view = View { target, position };
+            registrability::seen_again(&state, &view, &view.world_from_camera(), &frame)
         };
         (from([1.0, 1.0, 1.0]).lambda(frame.radius), from([-1.0, -1.0, -1.0]).lambda(frame.radius))
     };
@@ -254,4 +255,22 @@ fn what_a_view_would_see_again_is_the_area_that_faces_it() {
     };
     let (sparse, _) = seen(0.004, 1.2, thin);
     assert!((sparse / front - 1.0).abs() < 0.2, "nor does the density: {sparse} and {front}");
+}
+
+#[test]
+fn what_the_sensor_does_not_measure_registers_nothing() {
+    use crate::{ScanState, SensorConfig};
+    let target = Point3::new(0.04, 0.04, 0.04);
+    // Each side is met at 55 degrees.
+    let view = geometry::View { target, position: target + 1.2 * Vector3::new(1.0, 1.0, 1.0).normalize() };
+    let lambda = |sensor: SensorConfig| {
+        let state = ScanState { cloud: corner(), grid_size: 0.002, num_scans: 1, sensor, ..Default::default() };
+        let frame = Frame::around(&[&state.cloud]);
+        registrability::seen_again(&state, &view, &view.world_from_camera(), &frame).lambda(frame.radius)
+    };
+    let all = lambda(SensorConfig::default());
+    assert!(all > 20.0, "{all}");
+    let flat = |angle: f64| SensorConfig { max_incidence_deg: Some(angle), ..Default::default() };
+    assert_eq!((lambda(flat(70.0)), lambda(flat(35.0))), (all, 0.0));
+    assert_eq!(lambda(SensorConfig { max_range_m: Some(1.0), ..Default::default() }), 0.0);
 }

@@ -1,6 +1,8 @@
 //! What a view sees of a cloud: points in an image, the nearest in each of its cells.
 
-use geometry::{PinholeCamera, PointCloud, View};
+use crate::ScanState;
+use geometry::{PointCloud, View};
+use nalgebra::Isometry3;
 
 /// Spacings of the cloud that a cell is wide in which points hide each other: hardly any cell of a seen surface is empty.
 const CELL: f64 = 1.5;
@@ -8,14 +10,22 @@ const CELL: f64 = 1.5;
 const MOST_CELLS: f64 = 4e6;
 /// Cosine between normal and line of sight from which on a point is seen.
 const FACING: f64 = 0.1;
-/// The points of a cloud that a view sees, each with its area: the nearest of each cell of an image about as fine as the cloud, if
-/// nothing in the cells beside it hides it. A cell counts its area at the point's depth, square to the line of sight.
-pub(crate) fn visible(cloud: &PointCloud, camera: &PinholeCamera, spacing: f64, view: &View) -> Vec<(usize, f64)> {
+/// The points of a cloud that a view measures from this pose of its camera, each with its area: the nearest of each cell of an image about as
+/// fine as the cloud, if the sensor measures it and nothing in the cells beside it hides it. A cell counts its area at the point's depth, square
+/// to the line of sight. The camera and its sensor are those of `state`.
+pub(crate) fn visible(
+    cloud: &PointCloud,
+    spacing: f64,
+    state: &ScanState,
+    view: &View,
+    world_from_camera: &Isometry3<f64>,
+) -> Vec<(usize, f64)> {
+    let camera = &state.camera;
     let mut found = Vec::new();
     if !view.is_valid() || !cloud.has_normals() {
         return found;
     }
-    let camera_from_world = view.world_from_camera().inverse();
+    let camera_from_world = world_from_camera.inverse();
     let distance = (view.position - view.target).norm();
     let image = f64::from(camera.width) / camera.fx * f64::from(camera.height) / camera.fy;
     let width = (CELL * spacing / distance).max((image / MOST_CELLS).sqrt());
@@ -71,8 +81,12 @@ pub(crate) fn visible(cloud: &PointCloud, camera: &PinholeCamera, spacing: f64, 
             at + columns + 1,
         ];
         // Surface at this slant comes nearer by so much in a cell or two.
-        let n = &cloud.normals[*i as usize];
-        let to_camera = view.position - cloud.points[*i as usize];
+        let (p, n) = (&cloud.points[*i as usize], &cloud.normals[*i as usize]);
+        // What is not measured hides what is behind it all the same.
+        if !state.sensor.measures(&view.position, p, n) {
+            continue;
+        }
+        let to_camera = view.position - p;
         let cosine = to_camera.dot(n) / (n.norm() * to_camera.norm());
         let slack = 2.0 * width * z / cosine;
         let hiding = beside.iter().filter(|&&b| front[b].0 < z - slack).count();

@@ -38,6 +38,17 @@ fn scan(misses: NoReturn) -> Scan {
     Scan::Depth { camera: camera(), depth: image(), world_from_camera: Isometry3::identity(), misses }
 }
 
+fn wall_and_board() -> PointCloud {
+    PointCloud { points: image().to_points(&camera(), &Isometry3::identity()), normals: Vec::new() }
+}
+
+/// Whether the first scan, from the origin along z, shows nothing at this x / z and z.
+fn shows_nothing(session: &Session, x: f64, z: f64) -> bool {
+    let past = &session.state().scans[0];
+    let p = past.world_from_camera.inverse() * Point3::new(x * z, 0.0, z);
+    past.hides([p.x / p.z, p.y / p.z], p.z, 0)
+}
+
 #[test]
 fn what_is_out_of_range_is_left_out_counted_and_no_background() {
     let config = |sensor| SessionConfig { sensor, working_distance_m: 0.6, max_points: 0, ..Default::default() };
@@ -56,10 +67,17 @@ fn what_is_out_of_range_is_left_out_counted_and_no_background() {
         let crate::Seen::Depth { depth, .. } = &beside.seen else { panic!("a depth image") };
         assert!(depth.depth.iter().filter(|z| z.is_nan()).count() == 8_400 && depth.at(0, 0).is_none());
     }
-    let cloud = PointCloud { points: image().to_points(&camera(), &Isometry3::identity()), normals: Vec::new() };
     let mut session = Session::new(config(sensor), None).expect("in range");
+    let cloud = wall_and_board();
     let report = session.add_scan(Scan::Cloud { cloud, from: Some(Point3::origin()) }).expect("a cloud");
     assert_eq!(report.beyond_sensor, 8_400, "the same of a cloud with its camera's position");
+    assert!(shows_nothing(&session, -0.275, 0.2) && !shows_nothing(&session, 0.0, 0.7), "nor background there");
+    // What is cut away was measured all the same: space is free up to it.
+    let region_m = Some([[-1.0, -1.0, 0.5], [1.0, 1.0, 0.8]]);
+    let mut session =
+        Session::new(SessionConfig { region_m, ..config(SensorConfig::default()) }, None).expect("in range");
+    session.add_scan(Scan::Cloud { cloud: wall_and_board(), from: Some(Point3::origin()) }).expect("a cloud");
+    assert!(!shows_nothing(&session, -0.275, 0.9) && shows_nothing(&session, -0.275, 1.1));
 }
 
 #[test]

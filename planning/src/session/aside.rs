@@ -1,8 +1,7 @@
 //! Scans that could not be registered yet: kept aside, and tried again after each that is merged.
 
 use super::Session;
-use super::table::given_support;
-use crate::registration::AfterAlarm;
+use crate::registration::{AfterAlarm, Register};
 use crate::scan::PreparedScan;
 use nalgebra::Point3;
 
@@ -20,9 +19,14 @@ impl Session {
         self.config.registration.after_alarm == AfterAlarm::Bridge
     }
 
+    /// Whether scans are moved onto the cloud: else none that waits can be merged.
+    fn refines(&self) -> bool {
+        self.config.registration.register == Register::Refine
+    }
+
     /// Scans that wait, and for which a view is worth spending.
     pub(super) fn alarms(&self) -> impl Iterator<Item = &PreparedScan> {
-        self.aside.iter().filter(|scan| self.tries(scan) < MOST_BRIDGES)
+        self.aside.iter().filter(|scan| self.refines() && self.tries(scan) < MOST_BRIDGES)
     }
 
     /// Scans merged since this one came.
@@ -45,7 +49,7 @@ impl Session {
     /// Tries those that wait, after scan `with` was merged; each that fits may hold the next.
     pub(super) fn try_again(&mut self, with: usize) {
         let mut i = 0;
-        while i < self.aside.len() {
+        while self.refines() && i < self.aside.len() {
             let mut scan = self.aside[i].clone();
             self.hold_against_cloud(&mut scan);
             if scan.moved {
@@ -72,9 +76,7 @@ impl Session {
         self.aside.sort_by_key(|scan| scan.number);
         self.offsets.clear();
         self.unregistered.clear();
-        if !self.scans.iter().chain(&self.aside).any(|scan| scan.shows_support) {
-            self.support = given_support(&self.config);
-        }
+        self.support = self.known_support(&self.config);
     }
 
     /// A sentence for each scan that waits.
@@ -82,7 +84,12 @@ impl Session {
         let tell = |scan: &PreparedScan| {
             let why = scan.report.registration.as_ref().and_then(|found| found.refused.as_ref());
             let why = why.map_or_else(String::new, |why| format!(": {why}"));
-            format!("scan {} is kept aside and tried again after each scan that is merged{why}", scan.number)
+            let until = if self.refines() {
+                "is kept aside and tried again after each scan that is merged"
+            } else {
+                "is kept aside and waits for registration.register = \"refine\" (--register refine)"
+            };
+            format!("scan {} {until}{why}", scan.number)
         };
         self.aside.iter().map(tell).collect()
     }

@@ -8,7 +8,7 @@ use crate::registration::visible::visible;
 use crate::registration::{Frame, Information};
 use crate::scan::PreparedScan;
 use geometry::{NeighborGrid, PointCloud, View};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Largest probability of failure of a view that is to mend another.
 const SURE: f64 = 0.05;
@@ -57,9 +57,8 @@ impl Session {
         let Some(bridging) = self.bridging() else { return };
         candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
         let open = |c: &&Candidate| c.objections.is_empty();
-        let view = |c: &Candidate| View { target: c.target_m.into(), position: c.position_m.into() };
-        let views: Vec<View> = candidates.iter().filter(open).map(view).collect();
-        let Some((at, scan)) = bridging.choose(views.iter()) else { return };
+        let views = candidates.iter().filter(open).map(|c| (c.view(), self.camera_at(c)));
+        let Some((at, scan)) = bridging.choose(views) else { return };
         if let Some(bridge) = candidates.iter_mut().filter(|c| c.objections.is_empty()).nth(at) {
             bridge.bridges_to = Some(scan);
         }
@@ -81,7 +80,7 @@ impl Session {
             let known = |p: &Point3<f64>| grid.any_within(p, off);
             let open = (0..scan.cloud.len()).filter(|&i| !known(&scan.cloud.points[i]));
             let (points, normals) = open.map(|i| (scan.cloud.points[i], scan.cloud.normals[i])).unzip();
-            let held = seen_again(&self.state, &view, &frame);
+            let held = seen_again(&self.state, &view, &self.state.pose(&view, None), &frame);
             Some(Span { number: scan.number, held, beyond: PointCloud { points, normals }, spacing: scan.spacing })
         });
         Some(Bridging { session: self, demand, frame, spans: spans.collect() })
@@ -89,12 +88,12 @@ impl Session {
 }
 
 impl Bridging<'_> {
-    /// Of these views, best first, the one to take, with the number of the scan that it is for: the first that holds that scan, or
-    /// else the one that helps it most. `None` where none is sure to be registered itself, or none helps.
-    pub fn choose<'v>(&self, views: impl Iterator<Item = &'v View>) -> Option<(usize, usize)> {
+    /// Of these views with the poses of their cameras, best first, the one to take, with the number of the scan that it is for: the
+    /// first that holds that scan, or else the one that helps it most. `None` where none is sure to be registered itself, or none helps.
+    pub fn choose(&self, views: impl Iterator<Item = (View, Isometry3<f64>)>) -> Option<(usize, usize)> {
         let mut most: Option<(f64, usize, usize)> = None;
-        for (i, view) in views.enumerate() {
-            let Some((number, before, after)) = self.value(view) else { continue };
+        for (i, (view, pose)) in views.enumerate() {
+            let Some((number, before, after)) = self.value(&view, &pose) else { continue };
             if after >= self.demand.least_lambda() {
                 return Some((i, number));
             }
@@ -106,15 +105,15 @@ impl Bridging<'_> {
     }
 
     /// The scan that a view holds best, and its lambda without and with it; `None` for a view that may itself not be registered.
-    fn value(&self, view: &View) -> Option<(usize, f64, f64)> {
+    fn value(&self, view: &View, pose: &Isometry3<f64>) -> Option<(usize, f64, f64)> {
         let state = &self.session.state;
-        let own = self.demand.predict(state, view, &self.frame);
+        let own = self.demand.predict_from(state, view, pose, &self.frame);
         if own.failure > SURE {
             return None;
         }
         let after = |span: &Span| {
             let mut held = span.held.clone();
-            for (i, area) in visible(&span.beyond, &state.camera, span.spacing, view) {
+            for (i, area) in visible(&span.beyond, span.spacing, state, view, pose) {
                 let (p, n) = (&span.beyond.points[i], &span.beyond.normals[i]);
                 held.add(&(p - self.frame.center), &n.normalize(), area, self.frame.radius);
             }

@@ -6,7 +6,6 @@ use crate::answer::Candidate;
 use crate::constraints::Objection;
 use crate::pose::Pose;
 use crate::reach::{JointValue, Reach};
-use nalgebra::Isometry3;
 use serde::Serialize;
 use std::fmt;
 use std::sync::Arc;
@@ -95,8 +94,6 @@ impl ViewCheck {
 pub(super) struct Considered {
     /// As it is answered, the place aside.
     pub candidate: Candidate,
-    /// The camera in the object's frame.
-    pub pose: Isometry3<f64>,
     /// The one to take first; after it, of a view that nothing speaks against, the other stops of a turntable that allow it.
     pub places: Vec<Placed>,
     /// The place that is asked about.
@@ -113,7 +110,7 @@ impl Considered {
 
     fn asked(&self, reach: Option<&Reach>) -> AskedView {
         let place = &self.places[self.at];
-        let cell_from_camera = place.cell_from_object * self.pose;
+        let cell_from_camera = place.cell_from_object * place.world_from_camera;
         AskedView {
             cell_from_camera: Pose::from(&cell_from_camera),
             table_stop_deg: place.table.as_ref().map(|table| table.stop_deg),
@@ -147,6 +144,7 @@ impl Considered {
         let place = self.places.swap_remove(self.at);
         Candidate {
             score: self.candidate.planner_score - place.cost,
+            world_from_camera: Pose::from(&place.world_from_camera),
             table: place.table,
             reached: place.reached,
             objections: place.objections,

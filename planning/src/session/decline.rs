@@ -15,9 +15,12 @@ const NEXT: f64 = 0.5;
 const WEIGHT: f64 = 0.7;
 /// Points of the cloud that are looked at, about.
 const ASKED: usize = 4_000;
+/// A scan stands for the surface within so many of its spacings: the widest holes of a lattice of points that is seen at 45 degrees
+/// reach as far.
+const HOLES: f64 = 0.85;
 
-/// Share of the accumulated cloud that only the last scan, and only the last two, measured: no point of those before lies within reach.
-/// `None` where there are none before.
+/// Share of the accumulated cloud that only the last scan, and only the last two, measured: no point of those before lies within reach,
+/// nor as near as their own points leave holes. `None` where there are none before.
 pub(super) fn lately_added(scans: &[PreparedScan], state: &ScanState) -> [Option<f64>; 2] {
     [1, 2].map(|last| added_since(&scans[..scans.len().saturating_sub(last)], state))
 }
@@ -27,10 +30,12 @@ fn added_since(before: &[PreparedScan], state: &ScanState) -> Option<f64> {
         return None;
     }
     let points: Vec<_> = before.iter().flat_map(|scan| scan.cloud.points.iter().copied()).collect();
-    let grid = NeighborGrid::new(&points, state.reach);
+    let apart = before.iter().map(|scan| scan.spacing * scan.cloud.len() as f64).sum::<f64>() / points.len() as f64;
+    let reach = state.reach.max(HOLES * apart);
+    let grid = NeighborGrid::new(&points, reach);
     let asked = state.cloud.points.iter().step_by(state.cloud.len().div_ceil(ASKED));
     let all = asked.len() as f64;
-    Some(asked.filter(|p| !grid.any_within(p, state.reach)).count() as f64 / all)
+    Some(asked.filter(|p| !grid.any_within(p, reach)).count() as f64 / all)
 }
 
 /// Raises what candidates are expected to add, all by one factor, where the last scan leads one to expect more of the best of them; and

@@ -7,7 +7,7 @@ use crate::doubt;
 use crate::scan::PreparedScan;
 use crate::support::STANDING;
 use geometry::PointCloud;
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 
 impl Session {
     /// Holds each scan that was not yet against those before it.
@@ -67,7 +67,11 @@ impl Session {
             && self.support.is_none()
         {
             let up = self.config.constraints.up();
-            let height = |p: &Point3<f64>| p.coords.dot(&up);
+            // As the object stands when the view is taken.
+            let turned = self.config.turntable.as_ref().zip(next.table.as_ref());
+            let cell_from_object =
+                turned.map_or_else(Isometry3::identity, |(table, stop)| table.cell_from_object(stop.stop_deg));
+            let height = |p: &Point3<f64>| (cell_from_object * p).coords.dot(&up);
             let points = &self.state.cloud.points;
             let lowest = points.iter().map(height).fold(f64::INFINITY, f64::min);
             let layer = 2.0 * self.config.tolerance_m.max(self.state.grid_size);

@@ -19,7 +19,7 @@ pub enum SessionError {
     #[error("there is no scan yet: add one first")]
     NoScan,
     /// A scan with too few usable points.
-    #[error("too few points to plan on: {}, at least {least} are needed", report.describe())]
+    #[error("too few points to plan on: {}, at least {least} are needed{}", report.describe(), way_in(report))]
     TooFewPoints {
         /// What was done with them.
         report: Box<ScanReport>,
@@ -65,6 +65,14 @@ pub enum SessionError {
     NoCurrentPosition,
 }
 
+/// How points come near enough, where most are too far away.
+fn way_in(report: &ScanReport) -> &'static str {
+    if 2 * report.out_of_range <= report.read {
+        return "";
+    }
+    "; of coordinates of a survey (easting, northing) subtract an offset first, and the same from camera positions"
+}
+
 impl From<PlanError> for SessionError {
     fn from(error: PlanError) -> Self {
         match error {
@@ -86,3 +94,6 @@ impl SessionError {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -72,6 +72,7 @@ impl Session {
             sensor: config.sensor,
             support: self.support,
             given_views: Arc::clone(&self.given_views),
+            roll: self.roll(),
             near: OnceLock::new(),
             budget: Budget::default(),
         };

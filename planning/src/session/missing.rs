@@ -40,18 +40,13 @@ impl Session {
 
     fn made_out(&self, planner: PlannerName, candidates: &[Candidate], mut cell: Cell) -> Option<(Missing, Surface)> {
         let surface = self.planners.surface(planner)?;
-        let pose = |c: &Candidate| match c.given {
-            Some(_) => c.pose(),
-            None => View { target: c.target_m.into(), position: c.position_m.into() }.world_from_camera(),
-        };
         let allowed: Vec<(usize, Isometry3<f64>)> =
-            candidates.iter().filter(|c| c.objections.is_empty()).map(|c| (c.rank, pose(c))).collect();
+            candidates.iter().filter(|c| c.objections.is_empty()).map(|c| (c.rank, self.camera_at(c))).collect();
         // Where the camera may go in the end, not with the next move.
         cell.limits = ConstraintsConfig { max_travel_m: None, visited_radius_m: None, ..cell.limits };
         // Thousands of views: an arm is asked about the candidates alone.
         cell.arm = None;
-        let others =
-            |view: &View| cell.places(view, &cell.pose(view, None), None, None).iter().any(|p| p.objections.is_empty());
+        let others = |view: &View| cell.places(view, None, None).iter().any(|p| p.objections.is_empty());
         let any_other = self.given_views.is_empty();
         let allowed = Allowed { candidates: &allowed, others: any_other.then_some(&others) };
         Some(Missing::of(self.planners.holes(planner, &self.state, &allowed), &surface))

@@ -23,6 +23,7 @@ impl Session {
         if let Some(known) = self.ranking.take() {
             return Ok(known);
         }
+        self.state.roll = self.roll();
         let mut ranking = rank(&mut self.planners, &mut self.state, &self.config, self.scans.len(), planner)?;
         let least = ranking.views.iter().map(|(v, _)| v.score).fold(f64::INFINITY, f64::min);
         let score = if least.is_finite() { least } else { 0.0 };

@@ -37,6 +37,16 @@ impl Session {
         }
     }
 
+    /// Where scans were taken that were rejected, in the object's frame: what no scan of the session tells, for who keeps it.
+    pub fn rejected_from(&self) -> &[Point3<f64>] {
+        &self.unregistered
+    }
+
+    /// Rules out views from these places, and from no other rejected scan's, until another scan is merged.
+    pub fn set_rejected_from(&mut self, places: Vec<Point3<f64>>) {
+        self.unregistered = places;
+    }
+
     /// Registers a scan, where that is asked for, and moves it where that is asked for and safe.
     pub(super) fn hold_against_cloud(&self, scan: &mut PreparedScan) {
         let config = &self.config.registration;
@@ -61,7 +71,8 @@ impl Session {
     ) -> Option<(&'v RankedView, bool)> {
         let unregistered = self.unregistered();
         let new = || views.clone().filter(|v| !repeats(&v.view, &unregistered));
-        let bridge = self.bridging().and_then(|bridging| bridging.choose(new().map(|v| &v.view)));
+        let posed = |v: &RankedView| (v.view, self.state.pose(&v.view, v.given));
+        let bridge = self.bridging().and_then(|bridging| bridging.choose(new().map(posed)));
         match bridge.and_then(|(at, _)| new().nth(at)) {
             Some(bridge) => Some((bridge, true)),
             None => self.most_registrable(new()).or_else(|| views.clone().next()).map(|v| (v, false)),
@@ -73,10 +84,11 @@ impl Session {
         let usual = overlap::usual_scan(&self.state.cloud, self.scans.len());
         let mut most: Option<(f64, &RankedView)> = None;
         for ranked in views {
-            let known = || overlap::estimate(&self.state, &ranked.view, usual);
+            let pose = self.state.pose(&ranked.view, ranked.given);
+            let known = || overlap::estimate(&self.state, &ranked.view, &pose, usual);
             let least = demand.needs_overlap().then(|| ranked.overlap.unwrap_or_else(known));
             let least = least.map(|o| o - overlap::margin(self.scans.len()));
-            let expected = demand.predict(&self.state, &ranked.view, &frame);
+            let expected = demand.predict_from(&self.state, &ranked.view, &pose, &frame);
             if demand.objection(least, &expected).is_none() {
                 return Some(ranked);
             }
@@ -191,6 +203,7 @@ impl PreparedScan {
     pub(super) fn move_by(&mut self, motion: &Isometry3<f64>) {
         self.moved = true;
         self.cloud = self.cloud.transformed(motion);
+        self.stood_on.iter_mut().for_each(|p| *p = motion * *p);
         for past in &mut self.past {
             let mut moved = PastScan::clone(past);
             moved.world_from_camera = motion * moved.world_from_camera;

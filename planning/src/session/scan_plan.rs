@@ -1,11 +1,14 @@
 //! Several next views at once, for cells where planning after each scan is not possible: chosen by what they would see together of
 //! the surface that is expected now, ordered by travel.
 
+mod looks;
+
 use super::Session;
 use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
 use crate::scan::PreparedScan;
 use crate::turntable::turn_between_deg;
+use looks::Looks;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -23,16 +26,19 @@ pub struct ScanPlan {
     pub travel_m: f64,
     /// What the table turns in all, degrees.
     pub turn_deg: f64,
-    /// Share of the whole surface that they are expected to add together, as `expected_gain` of candidates.
+    /// Share of the whole surface that they are expected to add together. With `leaves` it is what is missing now: `missing.share` and
+    /// `missing.out_of_reach_share` of the answer.
     pub adds: f64,
-    /// Share of the whole that is expected to be missing afterwards, as `missing` of the answer.
+    /// Share of the whole that is expected to be missing afterwards: what no allowed view is expected to measure
+    /// (`missing.out_of_reach_share`), and what these views do not find of the rest.
     pub leaves: f64,
 }
 
 /// A view of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlannedView {
-    /// Share of the whole surface that it adds to those chosen before it.
+    /// Share of the whole surface that it adds to those chosen before it, on the scale of what is missing. `expected_gain` is of this view alone,
+    /// and does not count what bulges behind the membrane.
     pub adds: f64,
     /// In which order it was chosen, from 0: the views up to any number are the best plan of that length.
     pub chosen: usize,
@@ -48,21 +54,17 @@ impl Session {
     /// do not see. `None` where the planner that answered does not make out what is missing, or had no time to. It is of the state at that answer. Travel begins at
     /// `current_m`, in the cell, as [`Request::current_position_m`](super::Request::current_position_m).
     pub fn scan_plan(&self, answer: &Answer, most: usize, current_m: Option<[f64; 3]>) -> Option<ScanPlan> {
-        let told = answer.surface.filter(|_| answer.complete && answer.planner == PlannerName::Volumetric.as_str())?;
-        let missing = told.expected_m2 / (told.known_m2 + told.expected_m2).max(f64::MIN_POSITIVE);
-        // Gains are shares of what the membrane makes out; the whole that is missing is told from that (stop.rs).
+        let made_out = answer.complete && answer.planner == PlannerName::Volumetric.as_str();
+        let (missing, told) = answer.missing.as_ref().zip(answer.surface).filter(|_| made_out)?;
+        // Parts are shares of what the membrane makes out; the whole that is missing is told from that (stop.rs).
         let surface = self.planners.surface(PlannerName::Volumetric)?;
-        let whole = (surface.known_m2 + surface.expected_m2).max(f64::MIN_POSITIVE);
         let allowed: Vec<&Candidate> = answer.candidates.iter().filter(|c| c.objections.is_empty()).collect();
         let poses: Vec<Isometry3<f64>> = allowed.iter().map(|c| c.pose()).collect();
         let (seen, areas) = self.planners.seen_of_expected(&self.state, &poses);
-        let all = (areas.iter().map(|[area, _]| area).sum::<f64>() / whole).max(f64::MIN_POSITIVE);
-        // Of each part, what a view is believed to measure of it.
-        let believed: Vec<f64> = areas.iter().map(|[_, believed]| believed / whole).collect();
-        let mut looks = Looks::new(&believed, missing / all);
+        let mut looks = Looks::new(&seen, &areas, &surface, &told, missing);
         let mut chosen = Vec::new();
         while chosen.len() < most {
-            let gains: Vec<f64> = seen.iter().map(|view| looks.first(view)).collect();
+            let gains: Vec<f64> = seen.iter().map(|view| looks.unseen(view)).collect();
             // The first of equals: the one ranked higher.
             let Some(best) = (0..gains.len()).reduce(|a, b| if gains[b] > gains[a] { b } else { a }) else { break };
             if gains[best] < self.config.stop_below.max(LEAST) {
@@ -75,8 +77,7 @@ impl Session {
         let from = (self.camera_now(current_m), self.table_deg());
         let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| stop(allowed[i], from.1)).collect();
         let order = by_travel(from, &stops);
-        let found = believed.iter().sum::<f64>() - looks.unseen();
-        let mut plan = ScanPlan { leaves: missing * (all - found) / all, ..ScanPlan::default() };
+        let mut plan = ScanPlan::default();
         let mut at = (from.0.unwrap_or(order.first().map_or(Point3::origin(), |&i| stops[i].0)), from.1);
         for i in order {
             let travel_m = (stops[i].0 - at.0).norm();
@@ -87,6 +88,7 @@ impl Session {
             let view = allowed[chosen[i].0].clone();
             plan.views.push(PlannedView { adds: chosen[i].1, chosen: i, travel_m, view });
         }
+        plan.leaves = missing.out_of_reach_share + (missing.share - plan.adds).max(0.0);
         Some(plan)
     }
 
@@ -95,50 +97,6 @@ impl Session {
         let told = requested_m.or(self.config.constraints.current_position_m).map(Point3::from);
         let last = || self.latest().and_then(PreparedScan::camera_position).map(|p| self.cell_from_object() * p);
         told.or_else(last)
-    }
-}
-
-/// What views find of the surface that is expected. A membrane closes what is open, and the surface that bulges behind it is `bulge` times as
-/// large: the first view of a part finds as much of it as the membrane has area there, each further one the same share of what is left,
-/// less where it looks as one before it did.
-struct Looks<'a> {
-    areas: &'a [f64],
-    /// Not found yet.
-    left: Vec<f64>,
-    bulge: f64,
-}
-
-impl<'a> Looks<'a> {
-    fn new(areas: &'a [f64], bulge: f64) -> Self {
-        let bulge = bulge.max(1.0);
-        Self { areas, left: areas.iter().map(|area| bulge * area).collect(), bulge }
-    }
-
-    fn is_unseen(&self, part: usize) -> bool {
-        self.left[part] >= self.bulge * self.areas[part]
-    }
-
-    /// Of the membrane, what no view has seen before.
-    fn first(&self, view: &[u32]) -> f64 {
-        view.iter().map(|&k| k as usize).filter(|&k| self.is_unseen(k)).map(|k| self.areas[k]).sum()
-    }
-
-    /// What the view finds; `apart` is how different it looks from those before it: 0 alike, 1 from the side or the back.
-    fn take(&mut self, view: &[u32], apart: f64) -> f64 {
-        let mut all = 0.0;
-        for &k in view {
-            let share = if self.is_unseen(k as usize) { 1.0 } else { apart };
-            let left = &mut self.left[k as usize];
-            let found = share * *left / self.bulge;
-            *left -= found;
-            all += found;
-        }
-        all
-    }
-
-    /// Of the membrane, what none has seen.
-    fn unseen(&self) -> f64 {
-        (0..self.areas.len()).filter(|&k| self.is_unseen(k)).map(|k| self.areas[k]).sum()
     }
 }
 
@@ -184,8 +142,8 @@ fn by_travel((from, table_deg): (Option<Point3<f64>>, f64), stops: &[Stop]) -> V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Scan, SessionConfig};
-    use geometry::PointCloud;
+    use crate::{Missing, Scan, SessionConfig};
+    use geometry::{PointCloud, View};
 
     #[test]
     fn the_way_is_as_short_as_any() {
@@ -225,13 +183,27 @@ mod tests {
         );
     }
 
-    #[test]
-    fn views_add_up_and_leave_less() {
+    /// A flat sheet that was seen from above.
+    fn sheet() -> Session {
         let points = (0..900).map(|i| Point3::new(0.004 * f64::from(i % 30), 0.004 * f64::from(i / 30), 0.0)).collect();
         let cloud = PointCloud { points, normals: Vec::new() };
-        let mut session =
-            Session::new(SessionConfig { working_distance_m: 0.6, ..Default::default() }, None).expect("settings");
+        let config = SessionConfig { working_distance_m: 0.6, ..Default::default() };
+        let mut session = Session::new(config, None).expect("settings");
         session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.06, 0.06, 0.6)) }).expect("a scan");
+        session
+    }
+
+    /// What a plan adds and leaves is what is missing, within and out of reach.
+    fn assert_adds_up(plan: &ScanPlan, missing: &Missing) {
+        let now = missing.share + missing.out_of_reach_share;
+        assert!((plan.adds + plan.leaves - now).abs() < 1e-9, "{} and {} are not {now}", plan.adds, plan.leaves);
+        assert!(plan.leaves >= missing.out_of_reach_share, "{} of {missing:?}", plan.leaves);
+        assert!((plan.views.iter().map(|v| v.adds).sum::<f64>() - plan.adds).abs() < 1e-9);
+    }
+
+    #[test]
+    fn views_add_up_and_leave_less() {
+        let mut session = sheet();
         let answer = session.next_view().expect("an answer");
         let plans: Vec<ScanPlan> =
             [1, 3, 8].iter().map(|&most| session.scan_plan(&answer, most, None).expect("a plan")).collect();
@@ -239,6 +211,7 @@ mod tests {
         for (plan, most) in plans.iter().zip([1, 3, 8]) {
             assert!(!plan.views.is_empty() && plan.views.len() <= most);
             assert!(plan.adds > 0.0 && plan.adds < missing && plan.leaves < missing, "{plan:?}");
+            assert_adds_up(plan, answer.missing.as_ref().expect("made out"));
             assert!((plan.views.iter().map(|v| v.travel_m).sum::<f64>() - plan.travel_m).abs() < 1e-9);
             assert!(plan.views.iter().all(|v| v.view.objections.is_empty()));
         }
@@ -247,5 +220,28 @@ mod tests {
         assert!((80.0..120.0).contains(&(far.travel_m - plans[1].travel_m)), "it sets out from where the camera is");
         let first = plans[1].views.iter().find(|view| view.chosen == 0).expect("a first choice");
         assert_eq!(first.view, plans[0].views[0].view, "the first choice stays");
+        assert_eq!(first.adds, plans[0].views[0].adds, "and adds the same");
+    }
+
+    #[test]
+    fn where_all_allowed_views_are_taken_what_is_out_of_reach_is_left() {
+        // Flat from below: the underside is seen at a grazing angle, the far edges not at all.
+        let target = Point3::new(0.06, 0.06, 0.0);
+        let views = [[0.57, 0.0, -0.186], [-0.57, 0.0, -0.186]].map(|from| {
+            let view = View { target, position: target + Vector3::from(from) };
+            view.world_from_camera()
+        });
+        for count in [1, 2] {
+            let mut session = sheet();
+            session.set_given_views(views[..count].to_vec());
+            let answer = session.next_view().expect("an answer");
+            let missing = answer.missing.as_ref().expect("made out");
+            assert!(missing.share > 0.2 && missing.out_of_reach_share > 0.1, "{missing:?}");
+            let plan = session.scan_plan(&answer, 8, None).expect("a plan");
+            assert_eq!(plan.views.len(), count);
+            assert_adds_up(&plan, missing);
+            // Out of reach was told from samples.
+            assert!(plan.leaves < missing.out_of_reach_share + 0.1 * missing.share, "{} of {missing:?}", plan.leaves);
+        }
     }
 }

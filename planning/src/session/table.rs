@@ -2,7 +2,7 @@
 
 use super::{Session, SessionError};
 use crate::{Plane, Planner, Reach, Reading, Scan, SessionConfig, Support, support};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -28,19 +28,28 @@ impl Session {
         self.reach = self.config.robot.as_ref().map(|robot| Arc::new(Reach::new(robot)));
     }
 
-    /// What the object stands on, where it is looked for and this scan shows it.
-    pub(super) fn find_support(&self, scan: &Scan) -> Option<Plane> {
-        if self.config.support != Support::Auto {
-            return None;
-        }
-        let points = match scan {
-            Scan::Cloud { cloud, .. } | Scan::Lines { cloud, .. } => Cow::Borrowed(&cloud.points),
-            Scan::Depth { camera, depth, world_from_camera, .. } => {
-                Cow::Owned(depth.to_points(camera, world_from_camera))
+    /// What the object stands on, where these settings say it, or the first scan that shows it.
+    pub(super) fn known_support(&self, config: &SessionConfig) -> Option<Plane> {
+        match config.support {
+            Support::Plane(plane) => Some(plane),
+            Support::None => None,
+            Support::Auto => {
+                let showing = self.scans.iter().chain(&self.aside).filter(|scan| scan.shows_support.is_some());
+                showing.min_by_key(|scan| scan.number).and_then(|scan| scan.shows_support)
             }
-        };
-        let tolerance = self.config.tolerance_m.max(0.5 * self.config.support_margin_m);
-        support::find(&points, &self.config.constraints.up(), tolerance, self.config.seed)
+        }
+    }
+
+    /// What was measured that an arm may touch: the cloud, and what the object stands on.
+    pub(super) fn touchable(&self) -> Cow<'_, [Point3<f64>]> {
+        let stood_on: Vec<Point3<f64>> = self.scans.iter().flat_map(|scan| scan.stood_on.iter().copied()).collect();
+        let cloud = &self.state.cloud.points;
+        if stood_on.is_empty() {
+            return Cow::Borrowed(&cloud[..]);
+        }
+        let mut points = support::obstacles(&stood_on, self.config.seed);
+        points.extend(cloud);
+        Cow::Owned(points)
     }
 
     /// What the object stands on, as far as it is known.
@@ -68,13 +77,5 @@ impl Session {
             (None, Some(angle)) => Err(SessionError::NoTurntable(angle)),
             (Some(table), Some(angle)) => Ok(scan.moved(&table.cell_from_object(angle).inverse())),
         }
-    }
-}
-
-/// What the object stands on, where the settings say it.
-pub(super) fn given_support(config: &SessionConfig) -> Option<Plane> {
-    match config.support {
-        Support::Plane(plane) => Some(plane),
-        Support::None | Support::Auto => None,
     }
 }

@@ -142,6 +142,44 @@ fn undo_forgets_the_support_with_the_scan_that_showed_it() {
 }
 
 #[test]
+fn a_support_that_was_found_is_taken_up_again() {
+    let mut session = session(Support::Auto);
+    let found = session.support().expect("found");
+    for (support, holds) in [(Support::None, None), (Support::Auto, Some(found))] {
+        session.configure(SessionConfig { support, ..session.config().clone() }).expect("in range");
+        assert_eq!(session.support(), holds);
+    }
+    let answer = session.next_view().expect("an answer");
+    assert_eq!(answer.support, Some(found));
+    assert!(!answer.warnings.iter().any(|w| w.starts_with("support = auto")), "{:?}", answer.warnings);
+    assert!(session.undo() && session.support().is_none());
+}
+
+#[test]
+fn points_that_are_no_part_of_a_scan_do_not_hide_the_table() {
+    let (scan, plane) = on_a_table(0.15);
+    let eye = scan.camera_position().expect("a pose");
+    let finds_table = |more: Vec<Point3<f64>>, config: SessionConfig| {
+        let cloud = geometry::PointCloud { points: [points(&scan), more].concat(), normals: Vec::new() };
+        let config = SessionConfig { support: Support::Auto, working_distance_m: 0.5, ..config };
+        let mut session = Session::new(config, None).expect("in range");
+        session.add_scan(Scan::Cloud { cloud, from: Some(eye) }).expect("a scan");
+        session.support().is_some_and(|found| (found.offset_m - plane.offset_m).abs() < 1e-3)
+    };
+    let plain = SessionConfig::default;
+    assert!(finds_table(vec![Point3::new(1e30, 1e30, 1e30); 20], plain()), "marks far away");
+    assert!(finds_table(vec![eye; 400], plain()), "marks at the camera");
+    // A floor that shows more points than the table.
+    let floor =
+        || (0..40_000).map(|i| Point3::new(0.02 * f64::from(i % 200) - 2.0, 0.02 * f64::from(i / 200) - 2.0, -0.5));
+    assert!(!finds_table(floor().collect(), plain()));
+    let sensor = crate::SensorConfig { max_range_m: Some(1.0), ..Default::default() };
+    assert!(finds_table(floor().collect(), SessionConfig { sensor, ..plain() }), "out of range");
+    let region_m = Some([[-0.2, -0.2, 0.2], [0.25, 0.25, 0.6]]);
+    assert!(finds_table(floor().collect(), SessionConfig { region_m, ..plain() }), "outside of the region");
+}
+
+#[test]
 fn a_given_support_far_below_everything_is_doubted() {
     let (_, plane) = on_a_table(0.15);
     let doubted = |offset_m: f64| {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{ConstraintsConfig, Reading, Session, SessionConfig, SessionError};
+use crate::{ConstraintsConfig, Reading, Session, SessionError};
 use geometry::{PointCloud, View};
 
 fn table() -> TurntableConfig {
@@ -26,6 +26,17 @@ fn the_table_turns_about_its_axis() {
     assert_eq!(table.stops().len(), 12, "360 is 0 again");
     table.range_deg = Some([-90.0, 90.0]);
     assert_eq!(table.stops(), [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0]);
+}
+
+#[test]
+fn the_object_sees_up_turn_where_the_axis_is_tilted() {
+    let up = |axis_direction: [f64; 3], angle: f64| {
+        let turntable = Some(TurntableConfig { axis_direction, ..table() });
+        SessionConfig { turntable, ..Default::default() }.up_in_object(angle)
+    };
+    assert!((up([1.0, 0.0, 0.0], 90.0) - Vector3::y()).norm() < 1e-12, "what was its side is above");
+    assert_eq!(up([0.0, 0.0, 1.0], 40.0), Vector3::z());
+    assert_eq!(SessionConfig::default().up_in_object(40.0), Vector3::z());
 }
 
 #[test]

@@ -45,7 +45,8 @@ class Report:
     objects: list[dict[str, Any]]
     """A row per policy and object."""
     skipped: list[dict[str, Any]]
-    """Episodes that were not run: object, policy, episode, and the reason."""
+    """Objects that could not be used (policy and episode are None), then episodes that were not run: object, policy, episode,
+    and the reason."""
     episodes: list[dict[str, Any]]
     """Every episode: views, coverages, overlaps, distances in metres."""
     notes: list[str]

@@ -41,13 +41,16 @@ class Calibration:
     """`brown_conrady` or `fisheye`."""
     size: tuple[int, int] | None
     """Columns and rows of the image that it was calibrated for, where the file says so."""
+    metres_per_unit: float | None = None
+    """Of its depth images as they are stored, where the file says so (BOP's `depth_scale`). `read_depth` takes it as well; what that
+    returns is in metres and needs it no more."""
 
 
 def read_camera(path: str | PathLike[str]) -> Calibration:
     """Reads a calibration: ROS CameraInfo, OpenCV FileStorage or Kalibr's camchain (YAML; `FILE:cam1` selects one of several),
-    RealSense's or Open3D's intrinsics (JSON)."""
-    size, intrinsics, model, coefficients = _benbv.read_camera(os.fspath(path))
-    return Calibration(intrinsics, tuple(coefficients), model, size)
+    RealSense's, Open3D's or BOP's intrinsics (JSON)."""
+    size, intrinsics, model, coefficients, metres_per_unit = _benbv.read_camera(os.fspath(path))
+    return Calibration(intrinsics, tuple(coefficients), model, size, metres_per_unit)
 
 
 def read_arm(path: str | PathLike[str], tool: str) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -98,6 +99,8 @@ class Session:
                 words["metres_per_unit"],
                 words["distortion"],
                 words["distortion_model"],
+                # Absent in older files.
+                words.get("size"),
                 angle,
             )
         if kind == "points":
@@ -131,6 +134,7 @@ class Session:
         metres_per_unit: float | None = None,
         distortion: Sequence[float] | None = None,
         distortion_model: str = "brown_conrady",
+        size: Sequence[int] | None = None,
         table_angle_deg: float | None = None,
     ) -> ScanReport:
         """Adds a depth image.
@@ -140,7 +144,9 @@ class Session:
         (column, row) is sampled at its integer coordinate. `misses`: whether a pixel without a return is `"free"` space or
         `"unknown"`; by default as the settings say. `distortion` has the lens's coefficients in OpenCV's order: k1, k2, p1, p2,
         k3, k4, k5, k6, of which the later ones may be left out, or k1 to k4 with `distortion_model="fisheye"`; the image is
-        undistorted on reading. `table_angle_deg` is the turntable's angle (`turntable` of the settings): the scan is given in the
+        undistorted on reading. `size` has the columns and rows that the camera was calibrated for; an image of another size raises
+        `ValueError`. `add_depth(depth, world_from_camera=pose, **dataclasses.asdict(read_camera(path)))` takes a whole calibration.
+        `table_angle_deg` is the turntable's angle (`turntable` of the settings): the scan is given in the
         frame that does not turn.
         """
         return self._add(
@@ -151,6 +157,7 @@ class Session:
                 "metres_per_unit": metres_per_unit,
                 "distortion": None if distortion is None else [float(k) for k in distortion],
                 "distortion_model": distortion_model,
+                "size": None if size is None else [operator.index(side) for side in size],
                 "table_angle_deg": table_angle_deg,
             },
         )

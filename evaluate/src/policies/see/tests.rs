@@ -117,6 +117,7 @@ fn state(points: Vec<Point3<f64>>, camera: Point3<f64>) -> ScanState {
                 world_from_camera: view.world_from_camera(),
                 seen: Seen::Points(points),
                 pose: Default::default(),
+                veil: None,
             }
             .into(),
         ],

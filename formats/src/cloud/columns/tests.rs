@@ -20,11 +20,26 @@ fn names_in_all_spellings() {
         ("X Coordinate\tY Coordinate\tZ Coordinate", [0, 1, 2], None),
         ("R G B, X Y Z", [3, 4, 5], None),
         ("x y z\t", [0, 1, 2], None),
+        ("x [\u{b5}m],y [\u{3bc}m],z [\u{fffd}m]", [0, 1, 2], Some(1e-6)),
+        ("x_nm y_nm z_nm", [0, 1, 2], Some(1e-9)),
+        ("X (yd);Y (yd);Z (yd)", [0, 1, 2], Some(0.9144)),
+        ("Easting (UTM) [m]\tNorthing (UTM) [m]\tHeight (UTM) [m]", [0, 1, 2], Some(1.0)),
+        ("x [],y [1],z [-]", [0, 1, 2], None),
+        ("X axis [um],Y axis [um],Z axis [um]", [0, 1, 2], Some(1e-6)),
+        ("X-Achse [\u{fffd}m];Y-Achse [\u{fffd}m];Z-Achse [\u{fffd}m]", [0, 1, 2], Some(1e-6)),
+        ("id,X in mm,Y in mm,Z in mm", [1, 2, 3], Some(0.001)),
+        ("x in [mm],y in [mm],z in [mm]", [0, 1, 2], Some(0.001)),
+        ("x in,y in,z in", [0, 1, 2], Some(0.0254)),
+        ("X value\tY value\tZ value", [0, 1, 2], None),
     ] {
         let columns = Columns::named(line).expect(line).expect(line);
         assert_eq!((columns.position, columns.metres_per_unit), (position, unit), "{line}");
     }
     assert_eq!(Columns::named("nx ny nz x y z").unwrap().unwrap().normal, Some([0, 1, 2]));
+    for (line, unit) in [("x [px],y [px],z [px]", "px"), ("X (Image mm),Y (Image mm),Z (Image mm)", "image mm")] {
+        let columns = Columns::named(line).unwrap().unwrap();
+        assert_eq!((columns.metres_per_unit, columns.unknown_unit.as_deref()), (None, Some(unit)));
+    }
     for line in ["lat,lon,alt", "a b c", "x,y", "scan of a vase"] {
         assert_eq!(Columns::named(line), Ok(None), "{line}");
     }

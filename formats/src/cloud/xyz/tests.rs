@@ -122,3 +122,26 @@ fn numbers_of_points_are_said_and_excels_first_line_is_none() {
     let file = read("sep=;\nx;y;z\n0,5;1,5;2\n").unwrap();
     assert_eq!(file.cloud.points, [nalgebra::Point3::new(0.5, 1.5, 2.0)]);
 }
+
+#[test]
+fn units_are_read_in_any_encoding_and_unknown_ones_told() {
+    for bytes in
+        [&b"x [\xb5m],y [\xb5m],z [\xb5m]\n1,2,3\n"[..], "x [\u{b5}m],y [\u{b5}m],z [\u{b5}m]\n1,2,3\n".as_bytes()]
+    {
+        let file = parse(Path::new("a.csv"), bytes).unwrap();
+        assert_eq!((file.metres_per_unit, file.unknown_unit), (Some(1e-6), None));
+    }
+    let file = read("x [px],y [px],z [px]\n1,2,3\n").unwrap();
+    assert_eq!((file.metres_per_unit, file.unknown_unit.as_deref()), (None, Some("px")));
+}
+
+#[test]
+fn names_of_several_words_stay_together() {
+    let file = read("X axis [mm],Y axis [mm],Z axis [mm]\n1,2,3\n").unwrap();
+    assert_eq!((file.cloud.points[0].z, file.metres_per_unit, file.notes.len()), (3.0, Some(0.001), 0));
+    let error = read("X left [mm],Y left [mm],Z left [mm]\n1,2,3\n").expect_err("which x?").to_string();
+    assert!(error.contains("line 1: found \"X left [mm],Y left [mm],Z left [mm]\", expected x, y and z"), "{error}");
+    // Blanks part names where they part as many numbers.
+    let file = read("R G B, X Y Z\n9 9 9, 1 2 3\n").unwrap();
+    assert_eq!((file.cloud.points[0].x, file.notes.len()), (1.0, 0));
+}

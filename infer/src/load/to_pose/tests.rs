@@ -113,7 +113,7 @@ fn seen(name: &str, bytes: &[u8]) -> Option<Loaded> {
 }
 
 fn camera() -> DepthCamera {
-    DepthCamera { intrinsics: [40.0, 40.0, 6.0, 4.5], lens: Lens::Pinhole, size: None }
+    DepthCamera { intrinsics: [40.0, 40.0, 6.0, 4.5], lens: Lens::Pinhole, size: None, metres_per_unit: None }
 }
 
 fn posed(name: &str, bytes: &[u8]) -> Option<Loaded> {

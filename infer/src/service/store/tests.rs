@@ -1,19 +1,25 @@
 use super::*;
+use crate::service::{Key, Reply};
+
+fn kept(key: &str, body: &str) -> Kept {
+    Kept::new(Key::new(key, 1).expect("a key"), &Reply::new(200, body.to_owned()))
+}
 
 #[test]
 fn sessions_are_found_again_as_they_were_written() {
     let place = tempfile::tempdir().expect("a folder");
     let folder = place.path().join("state");
-    let (store, Found { last, sessions }) = Store::open(&folder).expect("a new one");
+    let (store, Found { last, sessions, .. }) = Store::open(&folder).expect("a new one");
     assert_eq!((last, sessions.len()), (0, 0));
     assert!(matches!(Store::open(&folder), Err(StoreError::Taken(_))), "one at a time");
     let config = SessionConfig { tolerance_m: 0.1 + 0.2, ..Default::default() };
-    store.create(7, &Record::new(0, Vec::new(), &config)).expect("written");
+    store.create(7, &Record::new(0, Vec::new(), &config), Vec::new()).expect("written");
     let scan = Written { line: false, bytes: b"{\n}".to_vec() };
-    let one = Record::new(1, Vec::new(), &config);
+    let rejected_from_m = vec![[0.1 + 0.2, -1.0, 1e-300], [0.0; 3]];
+    let one = Record { rejected_from_m, created: Some(kept("c", "{}")), ..Record::new(1, Vec::new(), &config) };
     store.write(7, &one, Some(&scan)).expect("written");
     drop(store);
-    let (store, Found { last, sessions }) = Store::open(&folder).expect("again");
+    let (store, Found { last, sessions, .. }) = Store::open(&folder).expect("again");
     assert!(last == 7 && matches!(sessions[..], [(7, Ok(1))]), "{sessions:?}");
     assert_eq!(store.record(7).expect("there"), one);
     assert_eq!(store.scan(7, 1).expect("there"), (config.clone(), scan), "to the last digit");
@@ -21,15 +27,54 @@ fn sessions_are_found_again_as_they_were_written() {
     assert!(store.scan(7, 1).is_err(), "and gone");
     store.remove(7).expect("ended");
     drop(store);
-    let (_, Found { last, sessions }) = Store::open(&folder).expect("again");
+    let (_, Found { last, sessions, .. }) = Store::open(&folder).expect("again");
     assert_eq!((last, sessions.len()), (7, 0), "no name is given twice");
+}
+
+#[test]
+fn answers_to_who_created_or_deleted_a_session_are_found_and_what_was_begun_is_ended() {
+    let place = tempfile::tempdir().expect("a folder");
+    let created = |key: &str| {
+        let record = Record::new(0, Vec::new(), &SessionConfig::default());
+        Record { created: Some(kept(key, "created")), ..record }
+    };
+    let again = || {
+        let (store, found) = Store::open(place.path()).expect("the folder");
+        let names: Vec<u64> = found.sessions.iter().map(|(id, _)| *id).collect();
+        (store, names, found.answers)
+    };
+    let (store, _, none) = again();
+    store.create(1, &created("a"), none).expect("written");
+    drop(store);
+    let (store, _, answers) = again();
+    assert_eq!(answers, [kept("a", "created")]);
+    store.create(2, &created("b"), answers).expect("written");
+    drop(store);
+    let (store, names, mut answers) = again();
+    assert_eq!((names, &answers[..]), (vec![1, 2], &[kept("a", "created"), kept("b", "created")][..]));
+    answers.push(kept("d", "deleted"));
+    // As far as it gets before the program ends.
+    let begun = State { version: VERSION, last: 2, deleting: Some(1), answers: answers.clone() };
+    store.write_state(&begun).expect("written");
+    drop(store);
+    let (store, names, found) = again();
+    assert_eq!((names, found), (vec![2], answers.clone()));
+    drop(store);
+    fs::create_dir(place.path().join("1")).expect("a folder");
+    fs::copy(place.path().join("2/session.toml"), place.path().join("1/session.toml")).expect("put back by hand");
+    let (store, names, _) = again();
+    assert_eq!(names, [1, 2], "ended once");
+    store.delete(2, 2, answers.clone()).expect("ended");
+    drop(store);
+    let (_, names, found) = again();
+    assert_eq!((names, found), (vec![1], answers));
 }
 
 #[test]
 fn damage_is_told_with_its_file() {
     let place = tempfile::tempdir().expect("a folder");
     let (store, _) = Store::open(place.path()).expect("a new one");
-    store.create(1, &Record::new(0, Vec::new(), &SessionConfig::default())).expect("written");
+    store.create(1, &Record::new(0, Vec::new(), &SessionConfig::default()), Vec::new()).expect("written");
     drop(store);
     let told = |text: &str| {
         fs::write(place.path().join("1/session.toml"), text).expect("written");
@@ -46,7 +91,9 @@ fn damage_is_told_with_its_file() {
     assert!(last > 1000, "no name is given twice: {last}");
     let scan = place.path().join("1/scan-0001");
     File::create(&scan).and_then(|file| file.set_len(80 << 20)).expect("a hole");
-    assert!(store.scan_size(1, 1, 64 << 20).expect_err("large").to_string().contains("80 MiB, and no scan"));
+    let large = store.scan_size(1, 1, 64 << 20).expect_err("large").to_string();
+    assert!(large.contains("80 MiB, more than service.body_mib = 64 allows: raise it to 80"), "{large}");
+    assert!(!large.contains(WAY_OUT), "nothing is wrong with it: {large}");
     assert_eq!(store.scan_size(1, 1, 80 << 20).expect("fits"), 80 << 20);
 }
 
@@ -56,7 +103,7 @@ fn every_flipped_bit_and_every_lost_end_is_noticed() {
     let (store, _) = Store::open(place.path()).expect("a new one");
     let config = SessionConfig::default();
     let scan = Written { line: true, bytes: br#"{"points": [[0.125, 0.25, 0.5]]}"#.to_vec() };
-    store.create(1, &Record::new(0, Vec::new(), &config)).expect("written");
+    store.create(1, &Record::new(0, Vec::new(), &config), vec![kept("k", "{}")]).expect("written");
     store.write(1, &Record::new(1, Vec::new(), &config), Some(&scan)).expect("written");
     drop(store);
     let mut rng = geometry::rng::stream(1, "test/store");
@@ -65,7 +112,7 @@ fn every_flipped_bit_and_every_lost_end_is_noticed() {
         let good = fs::read(&path).expect("there");
         let noticed = |bytes: &[u8]| {
             fs::write(&path, bytes).expect("written");
-            let (store, Found { last, sessions }) = Store::open(place.path()).expect("the folder");
+            let (store, Found { last, sessions, .. }) = Store::open(place.path()).expect("the folder");
             let read =
                 || sessions[0].1.is_ok() && store.scan(1, 1).is_ok_and(|read| read == (config.clone(), scan.clone()));
             last > 1000 || !read()
@@ -93,7 +140,7 @@ fn what_version_1_wrote_is_read() {
     write("state.toml", "version = 1\nlast = 4\n");
     write("4/session.toml", "version = 1\nscans = 1\n[config]\ntolerance_m = 0.003\n");
     write("4/scan-0001", "{\"version\":1,\"line\":false,\"config\":\"tolerance_m = 0.003\"}\n{}");
-    let (store, Found { last, sessions }) = Store::open(place.path()).expect("the folder");
+    let (store, Found { last, sessions, .. }) = Store::open(place.path()).expect("the folder");
     assert!(last == 4 && matches!(sessions[..], [(4, Ok(1))]), "{sessions:?}");
     let config = SessionConfig { tolerance_m: 0.003, ..Default::default() };
     assert_eq!(store.scan(4, 1).expect("there"), (config, Written { line: false, bytes: b"{}".to_vec() }));

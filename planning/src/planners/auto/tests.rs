@@ -4,7 +4,9 @@ use crate::PastScan;
 fn state(seen: Vec<Seen>, num_scans: usize) -> ScanState {
     let scans = seen
         .into_iter()
-        .map(|seen| PastScan { world_from_camera: Default::default(), seen, pose: Default::default() }.into())
+        .map(|seen| {
+            PastScan { world_from_camera: Default::default(), seen, pose: Default::default(), veil: None }.into()
+        })
         .collect();
     ScanState { scans, num_scans, ..Default::default() }
 }

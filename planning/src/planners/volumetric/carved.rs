@@ -74,7 +74,7 @@ impl VolumetricPlanner {
             grid.carve(scan, misses);
             let silhouette = self.silhouette(scan, misses, grid.voxel);
             if let Some(silhouette) = &silhouette {
-                grid.carve_background(silhouette);
+                grid.carve_background(silhouette, scan);
             }
             self.carved.push(Carved { scan: Arc::clone(scan), misses, silhouette, trusted: true });
         }
@@ -83,7 +83,7 @@ impl VolumetricPlanner {
             for carved in &self.carved {
                 grid.carve(&carved.scan, carved.misses);
                 if let Some(silhouette) = carved.background() {
-                    grid.carve_background(silhouette);
+                    grid.carve_background(silhouette, &carved.scan);
                 }
             }
         }
@@ -112,8 +112,9 @@ impl VolumetricPlanner {
                 self.carved[i] = Carved { scan, misses: NoReturn::Unknown, silhouette, trusted: true };
                 any = true;
             }
-            let Some(silhouette) = self.carved[i].background() else { continue };
-            if points.iter().filter(|p| silhouette.is_deep_background(p)).count() > most {
+            let carved = &self.carved[i];
+            let Some(silhouette) = carved.background() else { continue };
+            if points.iter().filter(|p| silhouette.is_deep_background(&carved.scan, p)).count() > most {
                 self.carved[i].trusted = false;
                 any = true;
             }

@@ -82,22 +82,30 @@ pub struct Allowed<'a> {
 /// A point of the surface that is expected where nothing is known yet, and its normal, outwards; zero where that is not made out.
 pub type ExpectedPoint = (Point3<f64>, Vector3<f64>);
 
+/// A part of the expected surface that a view sees: its place in the list of their areas, and which share of it the view is expected to
+/// measure, less than 1 where it would see it edge-on.
+pub type SeenPart = (u32, f32);
+
 impl VolumetricPlanner {
     /// The expected surface as it was at the last decision: a point to a voxel.
     pub fn expected_surface(&self) -> Vec<ExpectedPoint> {
         self.grid.iter().flat_map(Spot::all).map(|Spot { point, normal, .. }| (point, normal)).collect()
     }
 
-    /// Which parts of the expected surface a camera sees from each of these poses, as places in the list of their areas: the whole, and as
-    /// much of it as views are believed to measure, square metres.
-    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<u32>>, Vec<[f64; 2]>) {
+    /// Which parts of the expected surface a camera sees from each of these poses; and their areas: the whole, and as much of it as views
+    /// are believed to measure, square metres.
+    pub fn seen_of_expected(&self, state: &ScanState, poses: &[Isometry3<f64>]) -> (Vec<Vec<SeenPart>>, Vec<[f64; 2]>) {
         let (Some(grid), Some(leaps)) = (&self.grid, &self.leaps) else {
             return (vec![Vec::new(); poses.len()], Vec::new());
         };
         let marcher = Marcher::new(grid, leaps, &state.sensor);
         let spots: Vec<Spot> = Spot::all(grid).collect();
         let seen = |pose: &Isometry3<f64>| {
-            (0..spots.len() as u32).filter(|&k| spots[k as usize].is_seen(&marcher, &state.camera, pose)).collect()
+            let eye = Point3::from(pose.translation.vector);
+            let part = |(k, spot): (u32, &Spot)| {
+                spot.is_seen(&marcher, &state.camera, pose).then(|| (k, spot.part_from(&eye) as f32))
+            };
+            (0..).zip(&spots).filter_map(part).collect()
         };
         (poses.iter().map(seen).collect(), spots.iter().map(|spot| [spot.area, spot.area * spot.belief]).collect())
     }

@@ -91,7 +91,8 @@ pub(super) struct Area {
     pub(super) known: f64,
     /// The membrane, as far as it is believed.
     pub(super) expected: f64,
-    /// The part of the membrane that its points would cover within the tolerance.
+    /// What its points would cover within the tolerance and no point covers yet: of the membrane, and of measured surface where
+    /// pixels leave no gaps.
     pub(super) covered: f64,
     /// Across the pixels that enter unknown space and do not meet the membrane there.
     pub(super) beyond: f64,
@@ -273,7 +274,11 @@ impl Marcher<'_> {
                 counts[0] += u32::from(hidden);
                 counts[if hidden { 3 } else { 2 }] += 1;
                 *covered += voxel.covered;
-                area.known += across(at) / f64::from(cosine.max(EDGE));
+                let seen = across(at) / f64::from(cosine.max(EDGE));
+                area.known += seen;
+                // Where pixels are coarser than what a point covers, every look leaves gaps, and where they are cannot be foretold.
+                let gapless = share(at, 1.0) >= 1.0;
+                area.covered += if gapless { seen * f64::from(1.0 - voxel.covered) * share(at, cosine) } else { 0.0 };
                 area.beyond += if hidden { across(at) } else { 0.0 };
             }
         }

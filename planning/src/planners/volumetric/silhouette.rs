@@ -1,9 +1,10 @@
 //! Which part of a scan's image is background, where its misses do not say so: what lies outside of the outline of all
-//! that it measured. A dropout inside of the outline stays unknown.
+//! that it measured. A dropout inside of the outline stays unknown, and so does what was measured and is not believed.
 
 use super::grid::{Projection, VoxelGrid};
+use crate::scan::veil::pitch;
 use crate::{PastScan, Seen};
-use geometry::{DepthImage, PinholeCamera};
+use geometry::PinholeCamera;
 use nalgebra::{Isometry3, Point3};
 
 /// Cells by which an outline may err where parts are thinner than its cells.
@@ -25,17 +26,8 @@ pub(super) struct Silhouette {
     deep: Vec<bool>,
     /// The camera's image in x / z, y / z; absent where it is not known: everything beyond the points is background then.
     image: Option<[[f64; 2]; 2]>,
-}
-
-/// Where it is not known what the pixels met.
-fn unknown_directions(camera: &PinholeCamera, image: &DepthImage) -> Vec<[f64; 2]> {
-    let columns = image.size[0].max(1);
-    let direction = |(i, _): (usize, &f32)| {
-        let (column, row) = (image.origin[0] + i as u32 % columns, image.origin[1] + i as u32 / columns);
-        let ray = camera.unproject(f64::from(column), f64::from(row), 1.0);
-        [ray.x, ray.y]
-    };
-    image.depth.iter().enumerate().filter(|(_, z)| z.is_nan()).map(direction).collect()
+    /// Whether the scan left something out ([`PastScan::hides`]): wherever that lies, there is no background.
+    veiled: bool,
 }
 
 impl Silhouette {
@@ -45,7 +37,6 @@ impl Silhouette {
         let camera_from_world = scan.world_from_camera.inverse();
         let mut directions = Vec::new();
         let mut depths = Vec::new();
-        let mut unknown = Vec::new();
         let mut add = |p: &Point3<f64>| {
             let p = camera_from_world * p;
             if p.z > 0.0 && p.iter().all(|x| x.is_finite()) {
@@ -56,7 +47,6 @@ impl Silhouette {
         let image = match &scan.seen {
             Seen::Depth { camera, depth, .. } => {
                 depth.for_each_point(camera, &scan.world_from_camera, |p| add(&p));
-                unknown = unknown_directions(camera, depth);
                 Some(corners(camera))
             }
             Seen::Points(points) => {
@@ -67,8 +57,6 @@ impl Silhouette {
         let middle = depths.len() / 2;
         let (_, &mut depth, _) =
             depths.get_mut(middle).is_some().then(|| depths.select_nth_unstable_by(middle, f64::total_cmp))?;
-        // No background either, where something was measured and not believed.
-        directions.append(&mut unknown);
         let low = |k: usize| directions.iter().map(|d| d[k]).fold(f64::INFINITY, f64::min);
         let high = |k: usize| directions.iter().map(|d| d[k]).fold(f64::NEG_INFINITY, f64::max);
         let [from, to] = [[low(0), low(1)], [high(0), high(1)]];
@@ -92,7 +80,7 @@ impl Silhouette {
         let background = outside(&near, size);
         let around = (0..DEEP).fold(near, |cells, _| widened(&cells, size));
         let deep = outside(&around, size);
-        Some(Self { camera_from_world, scale, corner, size, background, deep, image })
+        Some(Self { camera_from_world, scale, corner, size, background, deep, image, veiled: scan.hides_any() })
     }
 
     /// Bytes held.
@@ -100,31 +88,31 @@ impl Silhouette {
         self.background.len() + self.deep.len()
     }
 
-    /// Whether a point (world frame) lies in front of or behind nothing but background.
+    /// Whether a point (world frame) lies in front of or behind nothing but background of `scan`, whose outline this is.
     #[cfg(test)]
-    pub(super) fn is_background(&self, p: &Point3<f64>) -> bool {
-        self.shows(p, &self.background)
+    pub(super) fn is_background(&self, scan: &PastScan, p: &Point3<f64>) -> bool {
+        self.shows(scan, p, &self.background, 0)
     }
 
     /// The same, and too far from the outline for a pixel to have missed what is there.
-    pub(super) fn is_deep_background(&self, p: &Point3<f64>) -> bool {
-        self.shows(p, &self.deep)
+    pub(super) fn is_deep_background(&self, scan: &PastScan, p: &Point3<f64>) -> bool {
+        self.shows(scan, p, &self.deep, DEEP as i64)
     }
 
-    fn shows(&self, p: &Point3<f64>, cells: &[bool]) -> bool {
+    fn shows(&self, scan: &PastScan, p: &Point3<f64>, cells: &[bool], around: i64) -> bool {
         let p = self.camera_from_world * p;
         if p.z <= 0.0 {
             return false;
         }
-        let [x, y] = [p.x, p.y].map(|x| x / p.z);
+        let direction = [p.x, p.y].map(|x| x / p.z);
+        let [x, y] = direction;
         if self.image.is_some_and(|[from, to]| !(x > from[0] && y > from[1] && x < to[0] && y < to[1])) {
             return false;
         }
         let [x, y] = [(x - self.corner[0]) * self.scale, (y - self.corner[1]) * self.scale];
-        if !(x >= 0.0 && y >= 0.0 && x < self.size[0] as f64 && y < self.size[1] as f64) {
-            return true;
-        }
-        cells[y as usize * self.size[0] + x as usize]
+        let inside = x >= 0.0 && y >= 0.0 && x < self.size[0] as f64 && y < self.size[1] as f64;
+        let shown = !inside || cells[y as usize * self.size[0] + x as usize];
+        shown && !(self.veiled && scan.hides(direction, p.z, around))
     }
 }
 
@@ -132,17 +120,6 @@ impl Silhouette {
 fn corners(camera: &PinholeCamera) -> [[f64; 2]; 2] {
     let at = |u: f64, v: f64| [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy];
     [at(-0.5, -0.5), at(f64::from(camera.width) - 0.5, f64::from(camera.height) - 0.5)]
-}
-
-/// How far apart the directions would be if they were spread evenly over the cells that they fill.
-fn pitch(directions: &[[f64; 2]], from: [f64; 2], to: [f64; 2]) -> f64 {
-    const COARSE: usize = 24;
-    let step = ((to[0] - from[0]).max(to[1] - from[1]) / COARSE as f64).max(f64::MIN_POSITIVE);
-    let cell = |d: &[f64; 2]| [0, 1].map(|k| (((d[k] - from[k]) / step) as usize).min(COARSE - 1));
-    let mut filled = vec![false; COARSE * COARSE];
-    directions.iter().map(cell).for_each(|[x, y]| filled[y * COARSE + x] = true);
-    let area = filled.iter().filter(|f| **f).count() as f64 * step * step;
-    (area / directions.len().max(1) as f64).sqrt()
 }
 
 /// The cells and their eight neighbours.
@@ -183,8 +160,8 @@ fn outside(cells: &[bool], size: [usize; 2]) -> Vec<bool> {
 }
 
 impl VoxelGrid {
-    /// Unknown voxels that a scan shows in front of background are free.
-    pub(super) fn carve_background(&mut self, silhouette: &Silhouette) {
+    /// Unknown voxels that a scan, whose outline this is, shows in front of background are free.
+    pub(super) fn carve_background(&mut self, silhouette: &Silhouette, scan: &PastScan) {
         let Projection { corner, axes } = self.projection(&silhouette.camera_from_world);
         let scale = silhouette.scale as f32;
         let [x0, y0] = silhouette.corner.map(|c| c as f32);
@@ -197,13 +174,15 @@ impl VoxelGrid {
             if z <= 0.0 {
                 continue;
             }
-            let [x, y] = [at(0) / z, at(1) / z];
+            let direction = [at(0) / z, at(1) / z];
+            let [x, y] = direction;
             if image.is_some_and(|[from, to]| !(x > from[0] && y > from[1] && x < to[0] && y < to[1])) {
                 continue;
             }
             let [x, y] = [(x - x0) * scale, (y - y0) * scale];
             let inside = x >= 0.0 && y >= 0.0 && x < width && y < height;
-            if !inside || silhouette.background[y as usize * silhouette.size[0] + x as usize] {
+            let shown = !inside || silhouette.background[y as usize * silhouette.size[0] + x as usize];
+            if shown && !(silhouette.veiled && scan.hides(direction.map(f64::from), f64::from(z), 0)) {
                 Self::free(&mut self.code, &mut self.membrane, i as usize);
             }
         }

@@ -25,8 +25,8 @@ fn ball(misses: NoReturn) -> ScanState {
     let depth = DepthImage { origin, size, depth };
     let points = depth.to_points(&camera, &pose);
     let cloud = PointCloud { normals: points.iter().map(|p| p.coords.normalize()).collect(), points };
-    let scan =
-        PastScan { world_from_camera: pose, seen: Seen::Depth { camera, depth, misses }, pose: Default::default() };
+    let seen = Seen::Depth { camera, depth, misses };
+    let scan = PastScan { world_from_camera: pose, seen, pose: Default::default(), veil: None };
     ScanState {
         cloud,
         scans: vec![Arc::new(scan)],
@@ -40,6 +40,7 @@ fn ball(misses: NoReturn) -> ScanState {
         sensor: Default::default(),
         support: None,
         given_views: Default::default(),
+        roll: Default::default(),
         near: Default::default(),
         budget: Default::default(),
     }
@@ -247,7 +248,7 @@ fn rays_carve_the_cube_wherever_they_end() {
     let unknown_after = |end: Option<[f64; 3]>| {
         let mut grid = VoxelGrid::new(&Point3::origin(), 0.1, 0.01);
         let seen = Seen::Points(end.into_iter().map(Point3::from).collect());
-        let scan = PastScan { world_from_camera: from_z(1.0).world_from_camera(), seen, pose: Default::default() };
+        let scan = PastScan { seen, ..(*ball(NoReturn::Free).scans[0]).clone() };
         grid.carve(&scan, NoReturn::Unknown);
         grid.unknown.len()
     };

@@ -46,6 +46,20 @@ fn the_last_scan_added_what_no_scan_before_had_measured() {
 }
 
 #[test]
+fn points_between_those_of_a_coarse_scan_are_not_new() {
+    let config = SessionConfig { accumulate: crate::Accumulate::Averaged, ..SessionConfig::default() };
+    let mut session = Session::new(config, None).expect("settings in range");
+    // 6 mm apart, three times the tolerance; the second in the middles of the first.
+    for shift in [0.0, 0.003] {
+        let at = |i: u32| Point3::new(shift + 0.006 * f64::from(i % 40), shift + 0.006 * f64::from(i / 40), 0.0);
+        let cloud = PointCloud { points: (0..1_600).map(at).collect(), normals: Vec::new() };
+        session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.12, 0.12, 1.2)) }).expect("a scan");
+    }
+    let added = lately_added(&session.scans, &session.state)[0].expect("a scan before");
+    assert!(added < 0.02, "{added}");
+}
+
+#[test]
 fn a_run_waits_for_a_scan_that_added_little() {
     let stop = |starts: &[f64], below: f64| {
         let config = SessionConfig { stop_below: below, ..SessionConfig::default() };

@@ -118,6 +118,11 @@ fn what_cannot_be_placed_is_refused_and_its_place_ruled_out_until_the_cloud_chan
     let answer = session.next_view().expect("a view");
     let same = answer.candidates.iter().find(|c| c.position_m == next.position_m).expect("still scored");
     assert_eq!(same.objections[0].constraint, Constraint::Registrability, "{same:?}");
+    let places = session.rejected_from().to_vec();
+    session.set_rejected_from(Vec::new());
+    assert_ne!(session.next_view().expect("a view"), answer, "nobody remembers");
+    session.set_rejected_from(places);
+    assert_eq!(session.next_view().expect("a view"), answer, "and somebody does again");
     session.add_scan(Scan::Cloud { cloud: sides(0), from: Some(camera()) }).expect("fits");
     assert!(session.unregistered().is_empty());
 }
@@ -232,6 +237,31 @@ fn after_an_alarm_the_view_that_sees_both_sides_of_the_gap_comes_first_and_says_
     assert!(demand.predict(session.state(), &view, &frame).failure <= 0.05, "its own scan is safe");
     let best = answer.candidates.iter().filter(|c| c.objections.is_empty()).map(|c| c.score).fold(f64::MIN, f64::max);
     assert!(next.score <= best, "whatever its score");
+}
+
+#[test]
+fn without_refine_no_view_is_spent_on_a_scan_that_waits_and_it_says_what_for() {
+    let (mut session, _) = with_a_gap(AfterAlarm::Bridge);
+    let refining = session.config().clone();
+    let camera = session.aside[0].camera_position().expect("given");
+    assert!(session.unregistered().contains(&camera) && !session.between().is_empty());
+    for register in [Register::Off, Register::Check] {
+        let mut config = refining.clone();
+        config.registration.register = register;
+        session.configure(config).expect("in range");
+        let answer = session.next_view().expect("a view");
+        assert!(answer.candidates.iter().all(|c| c.bridges_to.is_none()));
+        assert!(session.between().is_empty() && session.unregistered().is_empty(), "{register:?}");
+        let told: Vec<&String> = answer.warnings.iter().filter(|w| w.contains("scan 2 is kept aside")).collect();
+        assert!(matches!(&told[..], [w] if w.contains("registration.register = \"refine\"")), "{:?}", answer.warnings);
+        session.add_scan(scan_of_hills(0.05, 0.24, Isometry3::identity())).expect("it overlaps both");
+        assert_eq!((session.scans.len(), session.aside.len()), (2, 1), "{register:?}");
+        assert!(session.undo());
+    }
+    session.configure(refining).expect("in range");
+    assert_eq!(session.next_view().expect("a view").next.expect("one is allowed").bridges_to, Some(2));
+    session.add_scan(scan_of_hills(0.05, 0.24, Isometry3::identity())).expect("it overlaps both");
+    assert!(session.correction(2).is_some(), "it is merged then");
 }
 
 #[test]

@@ -35,7 +35,7 @@ fn scanned(eyes: &[[f64; 3]]) -> ScanState {
         state.cloud.points.extend(depth.to_points(&state.camera, &pose));
         state.cloud.normals.extend((0..160_000).filter_map(look).map(|(_, normal)| normal));
         let seen = Seen::Depth { camera: state.camera, depth, misses: NoReturn::Free };
-        state.scans.push(Arc::new(PastScan { world_from_camera: pose, seen, pose: Default::default() }));
+        state.scans.push(Arc::new(PastScan { world_from_camera: pose, seen, pose: Default::default(), veil: None }));
     }
     state
 }
@@ -60,7 +60,7 @@ fn the_back_of_a_plate_is_missing_though_a_look_along_it_shows_free_space_behind
     let state = scanned(&[FRONT, EDGE]);
     let mut planner = VolumetricPlanner::default();
     planner.forecast(&state, &mut rng::stream(1, "plate"));
-    let views: Vec<(usize, Isometry3<f64>)> = state.given_views.iter().copied().enumerate().collect();
+    let views: Vec<(usize, nalgebra::Isometry3<f64>)> = state.given_views.iter().copied().enumerate().collect();
     let holes = planner.holes(&state, &Allowed { candidates: &views, others: None });
     let hole = holes.first().expect("a hole");
     assert!((hole.area_m2 - 0.01).abs() < 0.002 && hole.normal[2] < -0.95, "one hole, its back: {hole:?}");
@@ -126,7 +126,7 @@ fn bumpy(eyes: &[[f64; 3]]) -> ScanState {
             state.cloud.normals.push(normal * normal.dot(&(eye - p)).signum());
         }
         let pose = View { target: Point3::origin(), position: eye }.world_from_camera();
-        let scan = PastScan { world_from_camera: pose, seen: Seen::Points(seen), pose: Default::default() };
+        let scan = PastScan { world_from_camera: pose, seen: Seen::Points(seen), pose: Default::default(), veil: None };
         state.scans.push(Arc::new(scan));
     }
     state

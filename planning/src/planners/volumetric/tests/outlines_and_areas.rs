@@ -1,5 +1,7 @@
 use super::super::silhouette::Silhouette;
 use super::*;
+use crate::scan::Veil;
+use crate::scan::veil::LeftOut;
 
 #[test]
 fn outside_of_the_outline_is_background_and_a_dropout_is_not() {
@@ -13,15 +15,94 @@ fn outside_of_the_outline_is_background_and_a_dropout_is_not() {
     }
     for (scan, name) in [(&scan, "depth"), (&points, "points")] {
         let outline = Silhouette::of(scan, 0.004).expect("it saw something");
-        let is = |x: f64, z: f64| outline.is_background(&Point3::new(x, 0.0, z));
+        let is = |x: f64, z: f64| outline.is_background(scan, &Point3::new(x, 0.0, z));
         assert!(is(0.12, 0.0) && is(-0.12, -0.1) && is(0.11, 0.3), "{name}: beside the ball");
         assert!(!is(0.0, 0.0) && !is(0.0, -0.3) && !is(0.06, 0.0), "{name}: the ball, behind it, a dropout on it");
         assert!(!is(0.0, 2.0), "{name}: behind the camera");
     }
     let outline = Silhouette::of(&scan, 0.004).expect("it saw something");
-    assert!(!outline.is_background(&Point3::new(5.0, 0.0, 0.0)), "beyond the image nothing is known");
+    assert!(!outline.is_background(&scan, &Point3::new(5.0, 0.0, 0.0)), "beyond the image nothing is known");
     let empty = PastScan { seen: Seen::Points(Vec::new()), ..points };
     assert!(Silhouette::of(&empty, 0.004).is_none());
+}
+
+/// Metres between the ball's pixels in the plane through its middle.
+const PIXEL: f64 = 1.2 / 514.133;
+
+#[test]
+fn pixels_that_are_not_believed_are_no_background_and_hide_none() {
+    let state = ball(NoReturn::Unknown);
+    let plain = &*state.scans[0];
+    let without = |taken: &dyn Fn(i32, i32) -> bool| {
+        let mut scan = plain.clone();
+        let Seen::Depth { depth, .. } = &mut scan.seen else { unreachable!("a depth image") };
+        for (i, z) in depth.depth.iter_mut().enumerate() {
+            if taken(i as i32 % 80 - 40, i as i32 / 80 - 40) {
+                *z = f32::NAN;
+            }
+        }
+        scan
+    };
+    let at = |column: i32, row: i32| Point3::new(PIXEL * f64::from(column), -PIXEL * f64::from(row), 0.0);
+    // A closed ring of them, as around an image without its distortion.
+    let ring = |column: i32, row: i32| {
+        let (least, most) = (column.min(row), column.max(row));
+        least >= -40 && most < 40 && (least == -40 || most == 39)
+    };
+    let ringed = without(&ring);
+    let [open, closed] = [plain, &ringed].map(|scan| Silhouette::of(scan, 0.004).expect("it saw something"));
+    for (column, row) in (-60..60).flat_map(|column| (-60..60).map(move |row| (column, row))) {
+        let expected = open.is_background(plain, &at(column, row)) && !ring(column, row);
+        assert_eq!(closed.is_background(&ringed, &at(column, row)), expected, "{column} {row}");
+    }
+    assert!(closed.is_background(&ringed, &at(37, 0)) && !closed.is_background(&ringed, &at(39, 0)));
+    assert!(closed.is_deep_background(&ringed, &at(50, 0)) && !closed.is_deep_background(&ringed, &at(41, 0)));
+    // Something too near, across the edge of the ball: what it hides is not known.
+    let hidden = without(&|column, row| column >= 0 && row.abs() <= 20);
+    let outline = Silhouette::of(&hidden, 0.004).expect("it saw something");
+    let is = |column: i32, behind: f64| {
+        let p = at(column, 0) * (1.0 + behind / 1.2);
+        outline.is_background(&hidden, &Point3::new(p.x, p.y, -behind))
+    };
+    assert!(!is(17, 0.0) && !is(17, 0.3) && !is(37, 0.1), "before and behind it");
+    assert!(is(-50, 0.0) && is(50, 0.1), "beside it");
+}
+
+#[test]
+fn what_points_left_out_is_no_background() {
+    let state = ball(NoReturn::Unknown);
+    let pose = state.scans[0].world_from_camera;
+    // The left half of the ball, and something in front of the other.
+    let points: Vec<Point3<f64>> = state.cloud.points.iter().filter(|p| p.x < 0.0).copied().collect();
+    let without = |z: f64, believed: bool| {
+        let at = |i: u32| pose * state.camera.unproject(f64::from(640 + i % 60), f64::from(340 + i / 60), z);
+        let left_out: Vec<LeftOut> = (0..2400).map(|i| LeftOut { point: at(i), believed }).collect();
+        let veil = Veil::of(&pose, &points, &left_out).map(Arc::new);
+        assert!(veil.is_some());
+        PastScan { seen: Seen::Points(points.clone()), veil, ..(*state.scans[0]).clone() }
+    };
+    let bare = PastScan { veil: None, ..without(0.2, false) };
+    let is = |scan: &PastScan, column: f64, z: f64| {
+        let outline = Silhouette::of(scan, 0.004).expect("it saw something");
+        outline.is_background(scan, &Point3::new(PIXEL * column * (1.2 - z) / 1.2, 0.0, z))
+    };
+    let near = without(0.2, false);
+    for (column, z) in [(20.0, 0.0), (20.0, -0.3), (45.0, 0.0)] {
+        assert!(is(&bare, column, z) && !is(&near, column, z), "{column} {z}: behind what was too near");
+    }
+    assert!(is(&near, -50.0, 0.0) && is(&near, 70.0, 0.0), "beside it");
+    assert!(!is(&near, -20.0, -0.3), "behind the ball");
+    let wall = without(1.5, true);
+    assert!(is(&wall, 45.0, 0.0) && !is(&wall, 45.0, -0.6), "free up to a wall that was cut away");
+    // The same of the voxels.
+    let cloud = PointCloud { points: points.clone(), normals: Vec::new() };
+    let unknown = |scan: PastScan| {
+        let state = ScanState { scans: vec![Arc::new(scan)], cloud: cloud.clone(), ..state.clone() };
+        let grid = VolumetricPlanner::default().carved_grid(&state);
+        let i = grid.index(&Point3::new(0.03, 0.0, -0.05)).expect("in the cube");
+        grid.unknown.contains(&(i as u32))
+    };
+    assert!(unknown(near) && !unknown(bare));
 }
 
 #[test]
@@ -89,8 +170,29 @@ fn given_views_are_scored_and_none_is_invented() {
     let ranked = planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
     let place = |r: &RankedView| state.given().iter().position(|v| *v == r.view).expect("one of those given");
     let order: Vec<usize> = ranked.iter().map(place).collect();
+    assert!(ranked.iter().all(|r| r.given == Some(place(r))), "each says which it is");
     assert_eq!((order.len(), order[2]), (3, 0), "where the camera was comes last: {order:?}");
     assert!(ranked[2].overlap > Some(0.7) && ranked[2].gain < Some(0.05), "{:?}", ranked[2]);
+}
+
+#[test]
+fn a_forecast_is_of_the_image_as_it_is_turned() {
+    use crate::pose::{CameraRoll, PoseConfig};
+    let mut state = ball(NoReturn::Free);
+    // Half as wide again as the ball, and low.
+    state.camera = PinholeCamera { width: 100, height: 20, cx: 50.0, cy: 10.0, ..state.camera };
+    let told = |state: &ScanState| VolumetricPlanner::default().forecast(state, &mut rng::stream(1, "planner")).views;
+    let upright = told(&state);
+    let sideways = PoseConfig { extra_roll_deg: 90.0, ..Default::default() };
+    state.roll = CameraRoll::new(&sideways, &Vector3::z());
+    let turned = told(&state);
+    let off = |a: &[ViewForecast], b: &[ViewForecast]| {
+        assert_eq!(a.len(), b.len());
+        a.iter().zip(b).map(|(a, b)| (a.reported_gain - b.reported_gain).abs()).fold(0.0, f64::max)
+    };
+    assert!(off(&upright, &turned) > 0.01, "other parts are in the image");
+    state.given_views = turned.iter().map(|f| state.pose(&f.view, None)).collect();
+    assert!(off(&turned, &told(&state)) < 1e-9, "as of the same poses, given");
 }
 
 #[test]
@@ -109,4 +211,22 @@ fn misses_are_not_free_space_where_another_scan_saw_surface() {
     let mut planner = VolumetricPlanner::default();
     planner.rank_views(&state, &mut rng::stream(1, "planner")).expect("views");
     assert_eq!(planner.scans_with_distrusted_misses(), [0], "the first alone");
+}
+
+#[test]
+fn what_is_measured_but_not_covered_counts_where_pixels_leave_no_gaps() {
+    let state = ball(NoReturn::Free);
+    let mut grid = prepared(&state);
+    let mut seen = |covered: f32, distance: f64| {
+        grid.surface.iter_mut().for_each(|s| s.covered = covered);
+        let leaps = Leaps::new(&grid, true);
+        let marcher = Marcher::new(&grid, &leaps, &SensorConfig::default());
+        marcher.forecast(&state.camera, &from_z(distance).world_from_camera(), 1, 0.002).area
+    };
+    let [all, half] = [1.0, 0.5].map(|covered| seen(covered, 1.2));
+    let more = (half.covered - all.covered) / all.known;
+    // Half of what a look covers: of a half ball seven to eight tenths, since its points cover 1.6 times the cosine, and at most all.
+    assert!(half.known == all.known && (0.34..0.41).contains(&more), "{more} of {all:?}");
+    // Pixels of 3.9 mm, of points that cover 2 mm.
+    assert_eq!(seen(0.5, 2.0), seen(1.0, 2.0));
 }

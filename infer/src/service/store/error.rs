@@ -1,0 +1,70 @@
+//! Why sessions cannot be kept, or not be read again.
+
+use super::{VERSION, WAY_OUT};
+use crate::service::Refusal;
+use std::path::{Path, PathBuf};
+
+/// Why sessions cannot be kept, or not be read again.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// Two services, one folder.
+    #[error("{0:?}: in use by another infer: stop it, or give another folder")]
+    Taken(PathBuf),
+    /// The system refuses.
+    #[error("{path:?}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not as it is written here.
+    #[error("{path:?}: {reason}: {WAY_OUT}")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A scan that came to a program with other limits.
+    #[error("{path:?}: a scan of {mib} MiB, more than service.body_mib = {most_mib} allows: raise it to {mib}")]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size, rounded up.
+        mib: u64,
+        /// The limit.
+        most_mib: u64,
+    },
+    /// Of another program.
+    #[error("{path:?}: version {found}, expected {VERSION}: use the program that wrote it, or another folder")]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+    },
+    /// It cannot be written, or is not what was written.
+    #[error(transparent)]
+    Write(#[from] formats::FormatError),
+    /// Settings that TOML cannot say.
+    #[error(transparent)]
+    Settings(#[from] formats::ConfigError),
+}
+
+impl From<StoreError> for Refusal {
+    fn from(error: StoreError) -> Self {
+        Self::new(500, "state", format!("the session cannot be saved or loaded: {error}"))
+    }
+}
+
+/// What the system says of a file.
+pub(super) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> StoreError {
+    let path = path.to_owned();
+    move |source| StoreError::Io { path, source }
+}
+
+/// A file that is not as it was written, on one line.
+pub(super) fn damaged(path: &Path, reason: impl ToString) -> StoreError {
+    StoreError::Damaged { path: path.to_owned(), reason: reason.to_string().trim_end().replace('\n', " ") }
+}
