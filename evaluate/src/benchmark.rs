@@ -182,11 +182,12 @@ fn run_one(
             timing: Timing { episode_s: clock.elapsed().as_secs_f64(), decisions_s: outcome.decision_seconds.clone() },
             record: EpisodeRecord {
                 weights,
+                files: object.files.clone(),
                 forecasts,
                 arm: config.robot.as_ref().map(|robot| tour(robot, object, &outcome)),
                 ..EpisodeRecord::new(key, &outcome)
             },
         },
-        Err(error) => Entry::Skipped(Skipped { key, reason: error.to_string() }),
+        Err(error) => Entry::Skipped(Skipped { key, reason: error.to_string(), weights, files: object.files.clone() }),
     })
 }

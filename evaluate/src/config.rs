@@ -1,14 +1,17 @@
 //! Settings of `evaluate`; `configs/evaluate.toml` shows every one at its default.
 
+pub(crate) mod differences;
+
 use crate::policies::see::SeeConfig;
 use datagen::EpisodeConfig;
 use datagen::config::check_counts;
 use datagen::dataset::{DatasetConfig, DatasetName};
+use formats::ConfigError;
 use formats::config::SettingError;
 use planning::{CandidateConfig, RobotConfig, VolumetricConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where the reference surface comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -207,13 +210,56 @@ impl EvaluateConfig {
         ])
     }
 
-    /// Hash of what outcomes depend on: everything but which policies, objects and episodes are run and how they are reported.
-    pub fn outcome_hash(&self) -> Result<String, formats::ConfigError> {
+    /// Hash of what outcomes depend on: everything but which policies, objects and episodes are run, where the objects lie and how
+    /// results are reported. Each episode notes the files of its object.
+    ///
+    /// # Errors
+    /// As [`formats::config::hash`].
+    pub fn outcome_hash(&self) -> Result<String, ConfigError> {
+        formats::config::hash(&self.without_place())
+    }
+
+    /// [`EvaluateConfig::outcome_hash`] of older programs, whose episodes note no files: with the place of the objects.
+    ///
+    /// # Errors
+    /// As [`formats::config::hash`].
+    pub fn placed_hash(&self) -> Result<String, ConfigError> {
+        formats::config::hash(&match self.dataset.name {
+            DatasetName::Procedural => self.without_place(),
+            _ => self.of_outcomes(),
+        })
+    }
+
+    /// The settings that a run's directory keeps, unless they are damaged or too old to be read.
+    pub(crate) fn kept_in(directory: &Path) -> Option<Self> {
+        let path = directory.join("config.toml");
+        formats::config::check_stored(&path).ok()?;
+        formats::config::load(Some(&path), &[], &[]).ok()
+    }
+
+    /// Lines that say which settings that outcomes depend on have another value in `now`. The place of the objects alone matters
+    /// to results of older programs.
+    pub(crate) fn differences(&self, now: &Self) -> String {
+        let mut found = differences::between(&self.without_place(), &now.without_place());
+        if found.is_empty() {
+            found = differences::between(&self.of_outcomes(), &now.of_outcomes());
+        }
+        found.iter().map(ToString::to_string).collect()
+    }
+
+    /// What outcomes depend on where the objects lie elsewhere; all else at its default.
+    fn without_place(&self) -> Self {
+        let dataset = DatasetConfig { root: None, ..self.dataset.clone() };
+        Self { dataset, ..self.of_outcomes() }
+    }
+
+    /// What outcomes depend on; all else at its default.
+    fn of_outcomes(&self) -> Self {
         let Self { policies, baseline, episodes, resamples, only, .. } = Self::default();
         // The CPU is what an absent device stands for.
         let device = self.weights.device.clone().filter(|name| name != "cpu");
         let weights = WeightsConfig { device, ..self.weights.clone() };
-        formats::config::hash(&Self {
+        Self {
             policies,
             baseline,
             episodes,
@@ -222,7 +268,7 @@ impl EvaluateConfig {
             only,
             weights,
             ..self.clone()
-        })
+        }
     }
 }
 

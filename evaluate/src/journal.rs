@@ -1,56 +1,25 @@
 //! The file in which a run keeps its finished work, so that it can be interrupted at any time and resumed.
 
+mod contents;
+mod error;
+
+use crate::config::EvaluateConfig;
 use crate::record::{EpisodeKey, EpisodeRecord, Skipped, Timing};
 use formats::config::digest;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
+pub use contents::Contents;
+pub use error::JournalError;
+
 /// File name inside the run's directory.
 pub const JOURNAL: &str = "journal.jsonl";
-
-/// Why a journal cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum JournalError {
-    /// The operating system refuses.
-    #[error("{path:?}: cannot {action}: {cause}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What was tried.
-        action: &'static str,
-        /// Why not.
-        cause: std::io::Error,
-    },
-    /// A line in the middle is no record, or not the one that was written.
-    #[error("{path:?}, line {line}: {message}; delete this line, and the same command runs that episode again")]
-    Line {
-        /// The file.
-        path: PathBuf,
-        /// The line, from 1.
-        line: usize,
-        /// What is wrong.
-        message: String,
-    },
-    /// Made with other settings.
-    #[error(
-        "{path:?} was made with other settings (hash {found}, now {expected}): give another --out, or remove the \
-         directory to start over. Only policies, episodes, objects by --only and the report may change between runs"
-    )]
-    OtherSettings {
-        /// The file.
-        path: PathBuf,
-        /// Hash in the file.
-        found: String,
-        /// Hash of the settings now.
-        expected: String,
-    },
-}
 
 /// A line of the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,62 +39,6 @@ pub enum Entry {
     Skipped(Skipped),
 }
 
-/// What a journal holds.
-#[derive(Clone, Debug, Default)]
-pub struct Contents {
-    /// Finished episodes with their times, by key.
-    pub episodes: Vec<(EpisodeRecord, Timing)>,
-    /// Those that could not be run, by key.
-    pub skipped: Vec<Skipped>,
-}
-
-impl Contents {
-    /// Keys of everything that need not be run again.
-    pub fn keys(&self) -> BTreeSet<EpisodeKey> {
-        self.episodes.iter().map(|(r, _)| &r.key).chain(self.skipped.iter().map(|s| &s.key)).cloned().collect()
-    }
-
-    /// Forgets the episodes of this policy with other weights than these; says how many.
-    pub fn forget_other_weights(&mut self, policy: &str, weights: Option<&str>) -> usize {
-        let before = self.episodes.len();
-        self.episodes.retain(|(r, _)| r.key.policy != policy || r.weights.as_deref() == weights);
-        before - self.episodes.len()
-    }
-
-    /// Forgets the episodes of this policy that could not be run: they are tried again.
-    pub fn forget_skipped(&mut self, policy: &str) {
-        self.skipped.retain(|s| s.key.policy != policy);
-    }
-
-    /// Forgets the episodes of this policy; says how many.
-    pub fn forget(&mut self, policy: &str) -> usize {
-        let before = self.episodes.len();
-        self.episodes.retain(|(r, _)| r.key.policy != policy);
-        before - self.episodes.len()
-    }
-
-    /// Into the order of keys.
-    pub(crate) fn sort(&mut self) {
-        self.episodes.sort_by(|a, b| a.0.key.cmp(&b.0.key));
-        // An episode that was run again, since its weights had changed: the later one.
-        self.episodes.dedup_by(|later, earlier| {
-            let again = later.0.key == earlier.0.key;
-            if again {
-                std::mem::swap(later, earlier);
-            }
-            again
-        });
-        self.skipped.sort_by(|a, b| a.key.cmp(&b.key));
-        self.skipped.dedup_by(|later, earlier| {
-            let again = later.key == earlier.key;
-            if again {
-                std::mem::swap(later, earlier);
-            }
-            again
-        });
-    }
-}
-
 /// An open journal; a line is written at once and whole.
 pub struct Journal {
     path: PathBuf,
@@ -134,8 +47,12 @@ pub struct Journal {
 
 impl Journal {
     /// Opens or makes the journal of a run's directory and answers with what it holds. A last line that was cut off is
-    /// removed.
-    pub fn open(directory: &Path, settings: &str) -> Result<(Self, Contents), JournalError> {
+    /// removed. `settings` is the hash of the settings, `placed` what older programs took for it
+    /// ([`EvaluateConfig::placed_hash`]).
+    ///
+    /// # Errors
+    /// What the operating system refuses; a damaged journal, or one of other settings.
+    pub fn open(directory: &Path, settings: &str, placed: &str) -> Result<(Self, Contents), JournalError> {
         let path = directory.join(JOURNAL);
         let io = |action| {
             let path = path.clone();
@@ -149,7 +66,7 @@ impl Journal {
         // Bytes that are no text make a line whose checksum says so.
         let text = String::from_utf8_lossy(&bytes);
         let whole = text.rfind('\n').map_or(0, |i| i + 1);
-        let contents = parse(&path, &text[..whole], Some(settings))?;
+        let contents = parse(&path, &text[..whole], Some(Hashes { settings, placed }))?;
         let end = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |i| i + 1);
         file.set_len(end as u64).map_err(io("shorten"))?;
         file.seek(SeekFrom::End(0)).map_err(io("seek in"))?;
@@ -164,15 +81,16 @@ impl Journal {
     pub fn append(&self, entry: &Entry) -> Result<(), JournalError> {
         let fail =
             |source: std::io::Error| JournalError::Io { path: self.path.clone(), action: "write", cause: source };
-        let mut value = serde_json::to_value(entry).map_err(|e| fail(e.into()))?;
-        spell_out(&mut value);
-        let line = format!("{}\n", sealed(&value.to_string()));
+        let line = format!("{}\n", line_of(entry).map_err(|e| fail(e.into()))?);
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         file.write_all(line.as_bytes()).and_then(|()| file.sync_data()).map_err(fail)
     }
 }
 
 /// What the journal of a finished or unfinished run holds.
+///
+/// # Errors
+/// What the operating system refuses; a damaged journal.
 pub fn read(directory: &Path) -> Result<Contents, JournalError> {
     let path = directory.join(JOURNAL);
     let bytes = std::fs::read(&path).map_err(|source| JournalError::Io {
@@ -183,6 +101,15 @@ pub fn read(directory: &Path) -> Result<Contents, JournalError> {
     let text = String::from_utf8_lossy(&bytes);
     let whole = text.rfind('\n').map_or(0, |i| i + 1);
     parse(&path, &text[..whole], None)
+}
+
+/// The hashes that a journal may begin with.
+#[derive(Clone, Copy)]
+struct Hashes<'a> {
+    /// Of the settings.
+    settings: &'a str,
+    /// Of the settings and the place of the objects.
+    placed: &'a str,
 }
 
 /// Marks a number written as text.
@@ -212,6 +139,13 @@ fn read_back(value: &mut Value) {
     }
 }
 
+/// An entry as a line has it.
+fn line_of(entry: &Entry) -> serde_json::Result<String> {
+    let mut value = serde_json::to_value(entry)?;
+    spell_out(&mut value);
+    Ok(sealed(&value.to_string()))
+}
+
 /// What begins a line: 16 hexadecimal digits of the SHA-256 of the JSON object that they are put into follow.
 const SUM: &str = "{\"sum\":\"";
 
@@ -232,7 +166,7 @@ fn opened(line: &str) -> Result<Cow<'_, str>, String> {
     }
 }
 
-fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, JournalError> {
+fn parse(path: &Path, text: &str, hashes: Option<Hashes>) -> Result<Contents, JournalError> {
     let mut contents = Contents::default();
     // The final outcome of an episode: it may have been tried again.
     let mut was_run: BTreeMap<EpisodeKey, bool> = BTreeMap::new();
@@ -240,24 +174,34 @@ fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, Jo
     if unsealed > 0 {
         tracing::warn!("{path:?}: {unsealed} lines of an older program have no checksum: damage would go unnoticed");
     }
+    let other_settings = |found: &str, expected: &str| JournalError::OtherSettings {
+        path: path.to_owned(),
+        found: found.to_owned(),
+        expected: expected.to_owned(),
+        differences: String::new(),
+    };
+    let mut begun = String::new();
     for (i, line) in text.lines().enumerate() {
-        let read = |line| {
-            let mut value = serde_json::from_str(&opened(line)?).map_err(|e| e.to_string())?;
-            read_back(&mut value);
-            serde_json::from_value(value).map_err(|e| e.to_string())
-        };
-        let entry: Entry =
-            read(line).map_err(|message| JournalError::Line { path: path.to_owned(), line: i + 1, message })?;
+        let entry = entry_in(line).map_err(|message| match i {
+            0 => no_settings(path, message),
+            _ => JournalError::Line { path: path.to_owned(), line: i + 1, message },
+        })?;
         match entry {
             Entry::Settings(found) => {
-                if let Some(expected) = settings
-                    && expected != found
+                if let Some(Hashes { settings, placed }) = hashes
+                    && found != settings
+                    && found != placed
                 {
-                    let (path, expected) = (path.to_owned(), expected.to_owned());
-                    return Err(JournalError::OtherSettings { path, found, expected });
+                    return Err(other_settings(&found, settings));
                 }
+                begun = found;
             }
+            _ if i == 0 => return Err(no_settings(path, "found an episode".to_owned())),
             Entry::Episode { record, timing } => {
+                // Objects that lie elsewhere are the same ones if their files are, which older programs did not note.
+                if let Some(Hashes { placed, .. }) = hashes.filter(|h| record.files.is_none() && begun != h.placed) {
+                    return Err(other_settings(&begun, placed));
+                }
                 was_run.insert(record.key.clone(), true);
                 contents.episodes.push((record, timing));
             }
@@ -271,6 +215,19 @@ fn parse(path: &Path, text: &str, settings: Option<&str>) -> Result<Contents, Jo
     contents.skipped.retain(|s| was_run.get(&s.key) == Some(&false));
     contents.sort();
     Ok(contents)
+}
+
+fn entry_in(line: &str) -> Result<Entry, String> {
+    let mut value = serde_json::from_str(&opened(line)?).map_err(|e| e.to_string())?;
+    read_back(&mut value);
+    serde_json::from_value(value).map_err(|e| e.to_string())
+}
+
+/// The first line is not what it must be; with the one that follows from the settings that the directory keeps.
+fn no_settings(path: &Path, message: String) -> JournalError {
+    let kept = path.parent().and_then(EvaluateConfig::kept_in);
+    let restored = kept.and_then(|kept| line_of(&Entry::Settings(kept.outcome_hash().ok()?)).ok());
+    JournalError::NoSettings { path: path.to_owned(), message, restored }
 }
 
 #[cfg(test)]

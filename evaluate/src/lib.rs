@@ -5,6 +5,7 @@ pub mod batches;
 pub mod benchmark;
 pub mod bootstrap;
 pub mod config;
+mod idle;
 pub mod journal;
 pub mod learned;
 pub mod metrics;

@@ -261,6 +261,7 @@ pub(crate) mod tests {
             registration: None,
             arm: None,
             weights: None,
+            files: None,
         }
     }
 

@@ -1,5 +1,7 @@
 //! The objects of a run: meshes at the working size with samples of their surfaces, or recordings.
 
+pub mod files;
+
 use crate::config::{EvaluateConfig, Surface};
 use datagen::dataset::{
     DatasetError, DatasetName, Object as Source, SplitChoice, list_objects, list_sequences, load_mesh,
@@ -19,6 +21,8 @@ pub struct Object {
     pub name: String,
     /// What there is of it.
     pub body: Body,
+    /// Digest of the files that it was read from; `None` of what is built in.
+    pub files: Option<String>,
 }
 
 /// What there is of an object.
@@ -112,11 +116,12 @@ pub fn load(source: &Source, config: &EvaluateConfig) -> Result<Object, ObjectEr
                 sequence.background = said.background.or(sequence.background);
             }
             let body = Body::Recorded(Recording::new(sequence, config.episode.tolerance_m));
-            return Ok(Object { name: source.name.clone(), body });
+            return Ok(Object { name: source.name.clone(), body, files: files::digest_of(source, config.surface)? });
         }
     };
     let mesh = load_mesh(source)?;
-    prepare(&source.name, path, &mesh, config)
+    let object = prepare(&source.name, path, &mesh, config)?;
+    Ok(Object { files: files::digest_of(source, config.surface)?, ..object })
 }
 
 /// Centres and scales a mesh and samples its surface. `path` is where it came from, if from a file.
@@ -125,11 +130,7 @@ pub fn load(source: &Source, config: &EvaluateConfig) -> Result<Object, ObjectEr
 /// Published samples that cannot be read; a mesh without surface.
 pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateConfig) -> Result<Object, ObjectError> {
     let mesh = mesh.normalized(config.diagonal_m);
-    let published = match (config.surface, path) {
-        (Surface::Published, Some(path)) => Some(published_samples(path)).filter(|p| p.exists()),
-        _ => None,
-    };
-    let mut samples = match published {
+    let mut samples = match path.and_then(|path| published_samples(path, config.surface)) {
         Some(file) => {
             let scale = config.diagonal_m / 0.2;
             let cloud = formats::read_cloud(&file)?.cloud;
@@ -160,13 +161,15 @@ pub fn prepare(name: &str, path: Option<&Path>, mesh: &Mesh, config: &EvaluateCo
     if samples.is_empty() {
         return Err(ObjectError::NoSurface);
     }
-    Ok(Object { name: name.to_owned(), body: Body::Mesh(Meshed { scene, samples, left_out, least_z }) })
+    let body = Body::Mesh(Meshed { scene, samples, left_out, least_z });
+    Ok(Object { name: name.to_owned(), body, files: None })
 }
 
-/// The authors' samples beside a mesh.
-fn published_samples(mesh: &Path) -> PathBuf {
+/// The authors' samples beside a mesh, if they are asked for and there.
+fn published_samples(mesh: &Path, surface: Surface) -> Option<PathBuf> {
     let stem = mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    mesh.with_file_name(format!("{stem}_simple60k.npy"))
+    let samples = mesh.with_file_name(format!("{stem}_simple60k.npy"));
+    (surface == Surface::Published && samples.exists()).then_some(samples)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use crate::args::Args;
 use crate::batches::Watch;
 use crate::config::EvaluateConfig;
+use crate::idle;
 use crate::journal;
 use crate::networks::Networks;
 use crate::objects::ObjectError;
@@ -16,7 +17,6 @@ use datagen::dataset::DatasetName;
 use formats::program;
 use formats::run::atomic_write;
 use indicatif::{ProgressBar, ProgressStyle};
-use planning::VolumetricConfig;
 use std::ffi::OsString;
 use std::io::IsTerminal;
 use std::path::Path;
@@ -42,6 +42,9 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
         return compare_folders(args);
     }
     let config = args.settings()?;
+    if config.dataset.name == DatasetName::Sequences && args.distance.is_some() {
+        program::misuse::<Args>("--distance has no effect on recorded sequences, which say their own in sequence.json");
+    }
     if config.episodes == 0 {
         bail!("--episodes 0: found no episode to run, expected at least 1");
     }
@@ -52,11 +55,8 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     networks.check_device()?;
     let policies = policies(&config, args.preset.is_some(), &networks)?;
     check_baseline(&baseline, &policies, args.baseline.is_some())?;
-    let is_volumetric = |policy: &Policy| policy.name().starts_with("volumetric");
-    if config.volumetric != VolumetricConfig::default() && !policies.iter().any(is_volumetric) {
-        eprintln!(
-            "[volumetric] has no effect: it is of the policy `volumetric`; `auto` plans as robots do, with its own settings"
-        );
+    if let Some(note) = idle::note(&config, &policies) {
+        eprintln!("{note}");
     }
     let stop = program::stop_when_asked("stopping after the current episodes; press again to stop immediately")?;
     let bar = Bar(progress());
@@ -168,13 +168,17 @@ fn summary(args: &Args, config: &EvaluateConfig, rows: &Rows, contents: &journal
         return Ok(program::print_line(serde_json::to_string(rows)?)?);
     }
     let (episodes, skipped) = (contents.episodes.len(), contents.skipped.len());
+    let unusable = match rows.unusable() {
+        0 => String::new(),
+        count => format!(", {count} objects could not be used"),
+    };
     let place = args.out.join("report.html");
     let mut table = rows.recorded_table().unwrap_or_else(|| rows.overall()).to_markdown();
     if args.preset.is_some() {
         let order = report::policy_order(contents, &config.policies);
         table.push_str(&report::paper::beside_the_paper(contents, config, &order).to_markdown());
     }
-    Ok(program::print_line(format_args!("{table}\n{episodes} episodes, {skipped} skipped; see {place:?}"))?)
+    Ok(program::print_line(format_args!("{table}\n{episodes} episodes, {skipped} skipped{unusable}; see {place:?}"))?)
 }
 
 fn compare_folders(args: &Args) -> anyhow::Result<ExitCode> {

@@ -63,6 +63,9 @@ pub struct EpisodeRecord {
     /// Digest of the weights that the policy used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
+    /// Digest of the files that the object was read from ([`crate::objects::files`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub files: Option<String>,
 }
 
 /// Times of an episode: never equal twice, so kept apart.
@@ -82,6 +85,12 @@ pub struct Skipped {
     pub key: EpisodeKey,
     /// Why.
     pub reason: String,
+    /// Digest of the weights that the policy would have used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weights: Option<String>,
+    /// Digest of the files that the object was read from ([`crate::objects::files`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub files: Option<String>,
 }
 
 impl EpisodeRecord {
@@ -103,6 +112,7 @@ impl EpisodeRecord {
             registration: episode.registration.clone(),
             arm: None,
             weights: None,
+            files: None,
         }
     }
 

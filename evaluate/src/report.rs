@@ -4,6 +4,7 @@ pub mod arm;
 pub mod closure;
 pub mod compare;
 pub mod folder;
+pub mod missing;
 pub mod paper;
 pub mod plots;
 pub mod recorded;
@@ -26,20 +27,7 @@ use std::path::Path;
 use table::{Table, write_csv};
 use tables::Rows;
 
-/// How much of an interrupted run is still to be run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Unfinished {
-    /// Episodes that are not run yet.
-    pub left: usize,
-    /// Episodes that were asked for, of all policies and objects.
-    pub asked: usize,
-}
-
-impl std::fmt::Display for Unfinished {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "unfinished: {} of {} episodes left", self.left, self.asked)
-    }
-}
+pub use missing::{Missing, Unfinished};
 
 /// Policies of the records: in the order asked for, then any other by name.
 pub fn policy_order(contents: &Contents, asked: &[String]) -> Vec<String> {
@@ -52,8 +40,7 @@ pub fn policy_order(contents: &Contents, asked: &[String]) -> Vec<String> {
 }
 
 /// Writes every file of a run's directory. All but `timing.csv` and `timing.md` are the same bytes for the same
-/// settings, whatever the number of threads. The report of an interrupted run says what is missing. Answers with the rows of
-/// the tables.
+/// settings, whatever the number of threads. The report says what is missing. Answers with the rows of the tables.
 ///
 /// # Errors
 /// What the operating system refuses.
@@ -63,7 +50,7 @@ pub fn write(
     config: &EvaluateConfig,
     policies: &[String],
     objects: &[Object],
-    unfinished: Option<Unfinished>,
+    missing: &Missing,
 ) -> Result<Rows, FormatError> {
     let records: Vec<&EpisodeRecord> = contents.episodes.iter().map(|(r, _)| r).collect();
     atomic_write_with(&directory.join("episodes.jsonl"), |w| {
@@ -99,7 +86,7 @@ pub fn write(
         write_csv(w, contents.episodes.iter().flat_map(decisions))
     })?;
     let order = policy_order(contents, policies);
-    let rows = Rows::of(contents, config, &order);
+    let rows = Rows::of(contents, config, &order, missing);
     let results = rows.tables(contents, config, &order);
     atomic_write_with(&directory.join("policies.csv"), |w| write_csv(w, &rows.policies))?;
     atomic_write_with(&directory.join("paired.csv"), |w| write_csv(w, &rows.paired))?;
@@ -121,7 +108,7 @@ pub fn write(
     for (file, _, svg) in &figures {
         atomic_write(&directory.join(file), svg.as_bytes())?;
     }
-    let headline = headline(contents, config, &order, unfinished);
+    let headline = headline(contents, config, &order, missing);
     let mut markdown = format!("# Results\n\n{headline}\n\n");
     results.iter().for_each(|table| markdown.push_str(&table.to_markdown()));
     atomic_write(&directory.join("report.md"), markdown.as_bytes())?;
@@ -227,25 +214,21 @@ fn view_rows(r: &EpisodeRecord) -> impl Iterator<Item = ViewRow<'_>> {
     })
 }
 
-fn headline(
-    contents: &Contents,
-    config: &EvaluateConfig,
-    policies: &[String],
-    unfinished: Option<Unfinished>,
-) -> String {
+fn headline(contents: &Contents, config: &EvaluateConfig, policies: &[String], missing: &Missing) -> String {
     let objects: BTreeSet<&str> = contents.episodes.iter().map(|(r, _)| r.key.object.as_str()).collect();
     let (kind, distance) = match config.dataset.name {
         DatasetName::Sequences => ("recorded sequences", "each one's own".to_owned()),
         _ => ("objects", format!("{} m", config.episode.working_distance_m)),
     };
     // Beside those that are left, "not run" would be taken for these.
-    let (preliminary, not_run) = match unfinished {
+    let (preliminary, not_run) = match missing.unfinished {
         Some(unfinished) => (format!("Preliminary report, {unfinished}. "), "could not be run"),
         None => (String::new(), "not run"),
     };
+    let unusable = missing.unusable_objects().map_or_else(String::new, |text| format!(" {text}."));
     format!(
         "{preliminary}{} episodes of {} policies on {} {kind} ({}), seed {}, {} next views after the first, working \
-         distance {distance}, {} episodes {not_run}. Never reached counts {} views. Intervals are 95 %, bootstrapped.",
+         distance {distance}, {} episodes {not_run}.{unusable} Never reached counts {} views. Intervals are 95 %, bootstrapped.",
         contents.episodes.len(),
         policies.len(),
         objects.len(),

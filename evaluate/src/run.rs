@@ -5,10 +5,10 @@ use crate::benchmark::BenchmarkError;
 use crate::config::EvaluateConfig;
 use crate::journal::{Contents, Journal, JournalError};
 use crate::networks::Networks;
-use crate::objects;
+use crate::objects::{self, files};
 use crate::policies::{Policy, weights_of};
 use crate::record::EpisodeKey;
-use crate::report::{self, Unfinished, tables::Rows};
+use crate::report::{self, Missing, Unfinished, tables::Rows};
 use datagen::dataset::DatasetError;
 use datagen::{OutputError, OutputKind, check_output};
 use formats::lock::{LOCK, LockError, try_lock};
@@ -33,6 +33,9 @@ pub enum ReportError {
     /// The journal cannot be used.
     #[error(transparent)]
     Journal(#[from] JournalError),
+    /// The directory's episodes were run on other objects of the same names.
+    #[error(transparent)]
+    Files(#[from] files::OtherFiles),
     /// The settings cannot be kept.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -73,7 +76,7 @@ pub enum Ended {
 /// the policies too ([`crate::policies::check`]).
 ///
 /// # Errors
-/// No objects, a directory in use or of other settings, nothing that could be run.
+/// No objects, a directory in use, or of other settings or objects, nothing that could be run.
 pub fn run(
     out: &Path,
     policies: &[Policy],
@@ -86,7 +89,9 @@ pub fn run(
     let sources = objects::list(config)?;
     check_output(out, OutputKind::Evaluation)?;
     let _lock = try_lock(out, LOCK, "evaluate")?;
-    let (journal, mut contents) = Journal::open(out, &config.outcome_hash()?)?;
+    let (journal, mut contents) = Journal::open(out, &config.outcome_hash()?, &config.placed_hash()?)
+        .map_err(|error| error.with_differences_from(config))?;
+    files::check(out, &sources, config.surface, &mut contents)?;
     for policy in policies {
         if policy.is_own() {
             contents.forget_skipped(policy.name());
@@ -110,20 +115,24 @@ pub fn run(
     let outcome = batches::run(&sources, policies, config, networks, &journal, &mut contents, stop, watch)?;
     contents.episodes.retain(|(r, _)| wanted(&r.key));
     contents.skipped.retain(|s| wanted(&s.key));
-    if outcome.left > 0 {
+    let missing = Missing {
+        unfinished: (outcome.left > 0).then_some(Unfinished { left: outcome.left, asked: outcome.asked }),
+        unusable: outcome.unusable.iter().map(|(name, reason)| (name.clone(), reason.to_string())).collect(),
+        objects: outcome.objects,
+    };
+    if missing.unfinished.is_some() {
         let done = contents.episodes.len();
-        let unfinished = Unfinished { left: outcome.left, asked: outcome.asked };
         if done > 0 {
-            report::write(out, &contents, config, &names, &outcome.shown, Some(unfinished))?;
+            report::write(out, &contents, config, &names, &outcome.shown, &missing)?;
         }
-        directory.finish(&format!("stopped; {unfinished}; the same command resumes"))?;
+        directory.finish(&missing.outcome())?;
         return Ok(Ended::Stopped { done, left: outcome.left });
     }
     if let Err(nothing) = outcome.anything(&contents) {
         directory.finish("nothing could be run")?;
         return Err(nothing.into());
     }
-    let rows = report::write(out, &contents, config, &names, &outcome.shown, None)?;
-    directory.finish("finished")?;
+    let rows = report::write(out, &contents, config, &names, &outcome.shown, &missing)?;
+    directory.finish(&missing.outcome())?;
     Ok(Ended::Finished { rows: Box::new(rows), contents })
 }

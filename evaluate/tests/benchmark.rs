@@ -123,7 +123,8 @@ fn run_into(
     stop: &AtomicBool,
 ) -> Contents {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    let (journal, mut contents) = Journal::open(directory, &config.outcome_hash().expect("hash")).expect("journal");
+    let hash = config.outcome_hash().expect("hash");
+    let (journal, mut contents) = Journal::open(directory, &hash, &hash).expect("journal");
     let networks = Networks::new(config);
     pool.install(|| run(objects, policies, config, &networks, &journal, &mut contents, stop, |_| {})).expect("run");
     contents
@@ -146,7 +147,8 @@ fn outputs_do_not_depend_on_threads_nor_on_a_stop_in_between() {
     let resumed = run_into(two.path(), &objects, &config, &policies, 2, &never);
     assert_eq!(straight.episodes.len(), 2 * 2 * policies.len());
     for (directory, contents) in [(&one, &straight), (&two, &resumed)] {
-        report::write(directory.path(), contents, &config, &names, &objects, None).expect("written");
+        report::write(directory.path(), contents, &config, &names, &objects, &report::Missing::default())
+            .expect("written");
     }
     for file in [
         "episodes.jsonl",
@@ -253,6 +255,23 @@ fn episodes_with_other_weights_do_not_count() {
     assert!(missing.contains("no/such"), "{missing}");
 }
 
+#[cfg(feature = "networks")]
+#[test]
+fn an_episode_that_cannot_be_run_notes_its_weights() {
+    let episode = EpisodeConfig { min_first_coverage: 1.0, max_draws: 1, ..config(1).episode };
+    let config = EvaluateConfig { episode, ..config(1) };
+    let directory = tempfile::tempdir().expect("dir");
+    let policies = [named("benbv-net")];
+    let stop = AtomicBool::new(false);
+    let mut contents = run_into(directory.path(), &objects(&config)[..1], &config, &policies, 1, &stop);
+    let weights = weights_of(&policies[0], &config, &Networks::new(&config));
+    assert!(contents.skipped.len() == 1 && contents.skipped[0].weights == weights && weights.is_some());
+    contents.forget_other_weights("benbv-net", weights.as_deref());
+    assert_eq!(contents.skipped.len(), 1);
+    contents.forget_other_weights("benbv-net", Some("retrained"));
+    assert!(contents.skipped.is_empty(), "it is tried again");
+}
+
 #[test]
 fn what_the_settings_cannot_make_is_found_without_an_object() {
     let config = config(1);
@@ -283,7 +302,7 @@ impl Watch for StopAfter<'_> {
 fn run_batches(config: &EvaluateConfig, stop_after: usize) -> (Outcome, Contents) {
     let directory = tempfile::tempdir().expect("dir");
     let sources = evaluate::objects::list(config).expect("objects");
-    let (journal, mut contents) = Journal::open(directory.path(), "h").expect("journal");
+    let (journal, mut contents) = Journal::open(directory.path(), "h", "h").expect("journal");
     let networks = Networks::new(config);
     let stop = AtomicBool::new(false);
     let watch = StopAfter(stop_after, &stop, AtomicUsize::new(0));

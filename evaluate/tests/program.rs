@@ -171,3 +171,86 @@ fn a_scan_that_fails_to_register_is_shown_as_it_happens() {
     assert!(page.contains(&figure) && figure.starts_with("<svg") && figure.contains("overlap with like normals"));
     assert!(read("coverage.svg").starts_with("<svg") && read("overlaps.svg").starts_with("<svg"));
 }
+
+/// Writes a block of this height as a mesh.
+fn block(path: &Path, height: f64) {
+    let mut text = "OFF\n8 12 0\n".to_owned();
+    for i in 0..8u32 {
+        text += &format!("{} {} {}\n", i & 1, i >> 1 & 1, height * f64::from(i >> 2));
+    }
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    for [a, b, c, d] in quads {
+        text += &format!("3 {a} {b} {c}\n3 {a} {c} {d}\n");
+    }
+    std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+    std::fs::write(path, text).expect("written");
+}
+
+/// A run in a folder of meshes.
+const ON_MESHES: [&str; 10] = [
+    "--dataset",
+    "folder",
+    "--policies",
+    "random-33",
+    "--baseline",
+    "random-33",
+    "--set",
+    "episode.num_views=1",
+    "--set",
+    "surface_samples=20000",
+];
+
+#[test]
+fn a_directory_goes_on_with_the_same_objects_and_settings_alone() {
+    let directory = tempfile::tempdir().expect("dir");
+    let mesh = directory.path().join("meshes/a.off");
+    block(&mesh, 1.0);
+    block(&directory.path().join("meshes/b.off"), 2.0);
+    let on = |root: &'static str, more: &[&'static str]| {
+        run(directory.path(), &[&ON_MESHES[..], &["--root", root], more].concat())
+    };
+    let kept = || {
+        ["journal.jsonl", "config.toml", "run.toml", "episodes.jsonl"]
+            .map(|file| std::fs::read_to_string(directory.path().join("out").join(file)).expect(file))
+    };
+    let (code, _, message) = on("meshes", &["--episodes", "1", "--out", "out"]);
+    assert_eq!(code, Some(0), "{message}");
+    let (code, _, message) = on("./meshes", &["--episodes", "2", "--out", "out"]);
+    assert_eq!(code, Some(0), "the same files by another name of their folder: {message}");
+    let before = kept();
+    assert_eq!(before[3].lines().count(), 4, "two episodes of each: {}", before[3]);
+    let (code, _, message) = on("meshes", &["--episodes", "2", "--seed", "1", "--out", "out"]);
+    assert!(code == Some(1) && message.contains("  there: seed = 0\n  now:   seed = 1\n"), "{message}");
+    assert!(!message.contains("dataset.root"), "that may differ: {message}");
+    block(&mesh, 3.0);
+    let (code, _, message) = on("meshes", &["--episodes", "3", "--out", "out"]);
+    assert!(code == Some(1) && message.contains("of these names: a; give another --out"), "{message}");
+    assert!(kept() == before, "the directory is left as it was");
+    let (code, _, message) = on("meshes", &["--episodes", "2", "--only", "b", "--out", "out"]);
+    assert_eq!(code, Some(0), "b is still itself: {message}");
+    let (code, _, message) = on("meshes", &["--episodes", "2", "--out", "other"]);
+    assert_eq!(code, Some(0), "{message}");
+    let (code, _, message) = run(directory.path(), &["--compare", "out", "other"]);
+    assert!(code == Some(1) && message.contains("a of out and a of other are other meshes"), "{message}");
+}
+
+#[test]
+fn objects_that_cannot_be_used_are_part_of_the_results() {
+    let directory = tempfile::tempdir().expect("dir");
+    block(&directory.path().join("meshes/a.off"), 1.0);
+    std::fs::write(directory.path().join("meshes/broken.off"), "OFF\n3 1 0\n0 0\n").expect("written");
+    let on = |more: &[&'static str]| {
+        let arguments = [&ON_MESHES[..], &["--root", "meshes", "--episodes", "1", "--out", "out"], more].concat();
+        let (code, text, message) = run(directory.path(), &arguments);
+        assert!(code == Some(0) && message.contains("skipped broken: "), "{message}");
+        text
+    };
+    let rows: serde_json::Value = serde_json::from_str(&on(&["--json"])).expect("JSON");
+    let row = &rows["skipped"][0];
+    assert!(row["object"] == "broken" && row["policy"].is_null() && row["reason"].is_string(), "{rows}");
+    let read = |file: &str| std::fs::read_to_string(directory.path().join("out").join(file)).expect(file);
+    assert!(read("report.md").contains(" 0 episodes not run. 1 of 2 objects could not be used. "), "the headline");
+    assert!(read("report.md").contains("| broken | all | all | "), "the table of what was not run");
+    assert!(read("run.toml").contains("finished; 1 of 2 objects could not be used"), "{}", read("run.toml"));
+    assert!(on(&[]).contains("1 episodes, 0 skipped, 1 objects could not be used; see"));
+}

@@ -97,6 +97,7 @@ fn orders_bring_what_geometry_says_and_a_run_goes_on() {
     for row in rows["recorded"].as_array().expect("rows").iter().filter(|row| row["policy"] != "random") {
         assert_eq!((row["views_to_80"].as_f64(), row["overlap_1_percent"].as_f64()), (Some(4.0), Some(0.0)), "{row}");
     }
+    assert!(!message.contains("no effect"), "{message}");
     let (code, _, message) = run(directory.path(), &["--episodes", "1", "--out", "again"]);
     assert_eq!(code, Some(0), "{message}");
     assert_eq!(run(directory.path(), &["--episodes", "4", "--out", "again"]).0, Some(0));
@@ -104,6 +105,9 @@ fn orders_bring_what_geometry_says_and_a_run_goes_on() {
         let read = |folder: &str| std::fs::read(directory.path().join(folder).join(file)).expect(file);
         assert!(read("straight") == read("again"), "{file} differs");
     }
+    std::fs::write(directory.path().join("recorded/ball/3.ply"), "another scan").expect("written");
+    let (code, _, message) = run(directory.path(), &["--episodes", "4", "--out", "again"]);
+    assert!(code == Some(1) && message.contains("of these names: ball; give another --out"), "{message}");
 }
 
 #[test]
@@ -117,6 +121,14 @@ fn what_does_not_go_with_recordings_is_refused() {
     };
     refused(&["--policies", "benbv"], "\"benbv\" does not run on recorded sequences");
     refused(&["--set", "sequences.boll.tolerance_m=0.001"], "sequences.boll: no such sequence; there are ball");
+    let (code, _, message) = run(directory.path(), &["--policies", "random", "--distance", "0.5"]);
+    assert!(code == Some(2) && message.contains("--distance has no effect on recorded sequences"), "{message}");
+    let idle = ["--set", "episode.evidence=depth", "--set", "table={}", "--policies", "random", "--episodes", "1"];
+    let (code, _, message) = run(directory.path(), &[&idle[..], &["--out", "idle"]].concat());
+    assert!(
+        code == Some(0) && message.contains("no effect on recorded sequences: episode.evidence, table"),
+        "{message}"
+    );
     let path = folder.join("sequence.json");
     let whole = std::fs::read_to_string(&path).expect("readable");
     std::fs::write(&path, whole.replace("\"background\":true", "\"background\":false")).expect("written");

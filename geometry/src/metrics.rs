@@ -37,14 +37,14 @@ fn directed_distances(from: &[Point3<f64>], to: &[Point3<f64>]) -> (f64, f64) {
     }
 }
 
-/// 100 x standard deviation (population) / mean of the overlaps that exist, in percent; `None` without one or if
+/// 100 x standard deviation (population) / mean of the overlaps that exist, in percent; `None` with fewer than two or if
 /// their mean is 0. `cv3` is this of next views 1 to 3, `cv_all` of all.
 pub fn overlap_variation(overlaps: &[Option<f64>]) -> Option<f64> {
     let known: Vec<f64> = overlaps.iter().copied().flatten().collect();
     let n = known.len() as f64;
     let mean = known.iter().sum::<f64>() / n;
     let variance = known.iter().map(|o| (o - mean).powi(2)).sum::<f64>() / n;
-    (mean > 0.0).then(|| 100.0 * variance.sqrt() / mean)
+    (known.len() > 1 && mean > 0.0).then(|| 100.0 * variance.sqrt() / mean)
 }
 
 /// Number of views, the first scan being view 1, until the coverage first reaches `level`; `coverages[0]` is that of
@@ -104,7 +104,9 @@ mod tests {
     fn variation_and_views() {
         assert_eq!(overlap_variation(&[Some(0.4), None, Some(0.4)]), Some(0.0));
         assert!((overlap_variation(&[Some(0.2), Some(0.4)]).unwrap() - 100.0 / 3.0).abs() < 1e-9);
-        assert_eq!(overlap_variation(&[None]), None);
+        for too_few in [&[None][..], &[Some(0.4)], &[None, Some(0.4), None]] {
+            assert_eq!(overlap_variation(too_few), None, "one value does not vary");
+        }
         assert_eq!(views_to(&[0.3, 0.8, 0.95], 0.9), Some(3));
         assert_eq!(views_to(&[0.3], 0.9), None);
     }

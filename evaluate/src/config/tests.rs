@@ -3,7 +3,7 @@ use super::*;
 #[test]
 fn shipped_configurations_equal_the_code() {
     let load = |path: &str| {
-        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join(path);
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join(path);
         formats::config::load::<EvaluateConfig>(Some(&file), &[], &[]).unwrap_or_else(|e| panic!("{path}: {e}"))
     };
     EvaluateConfig::default().validate().expect("defaults are valid");
@@ -14,7 +14,7 @@ fn shipped_configurations_equal_the_code() {
 
 #[test]
 fn every_study_loads_and_changes_outcomes() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/studies");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/studies");
     let plain = EvaluateConfig::default().outcome_hash().expect("hash");
     let mut studies = 0;
     for entry in std::fs::read_dir(folder).expect("configs/studies").flatten() {
@@ -64,6 +64,24 @@ fn runs_of_before_can_be_resumed() {
     let before = EvaluateConfig { views_if_unreached: Some(17), ..EvaluateConfig::default() };
     let hash = formats::config::hash(&before).expect("hash");
     assert_eq!(EvaluateConfig::default().outcome_hash().expect("hash"), hash);
+}
+
+#[test]
+fn what_differs_is_named_with_both_values() {
+    let load = |set: &[&str]| -> EvaluateConfig {
+        let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
+        formats::config::load(None, &set, &[]).expect("settings")
+    };
+    let there = load(&["dataset.name=folder", "dataset.root=a", "episode.num_views=3", "policies=[\"see\"]"]);
+    let now = load(&["dataset.name=folder", "dataset.root=b", "table={views=9}"]);
+    let lines = there.differences(&now);
+    let views = "  there: episode.num_views = 3\n  now:   episode.num_views = 15\n";
+    assert!(lines.starts_with(&format!("{views}  there: no table\n  now:   table = {{")), "{lines}");
+    assert!(!lines.contains("see") && !lines.contains("root"), "{lines}");
+    let elsewhere = load(&["dataset.name=folder", "dataset.root=c", "table={views=9}"]);
+    let root = "  there: dataset.root = \"b\"\n  now:   dataset.root = \"c\"\n";
+    assert_eq!(now.differences(&elsewhere), root, "it is the only one");
+    assert_eq!(now.differences(&now), "");
 }
 
 #[test]

@@ -1,6 +1,10 @@
 use super::*;
 use crate::metrics::tests::record;
 
+fn open(directory: &Path, settings: &str) -> Result<(Journal, Contents), JournalError> {
+    Journal::open(directory, settings, settings)
+}
+
 fn entry(episode: usize) -> Entry {
     let timing = Timing { episode_s: 0.1, decisions_s: vec![0.01] };
     Entry::Episode { record: record("a", "p", episode, &[0.3, 1.0 / 3.0], &[Some(0.1)]), timing }
@@ -9,7 +13,7 @@ fn entry(episode: usize) -> Entry {
 #[test]
 fn goes_on_after_a_cut_line_and_refuses_other_settings() {
     let dir = tempfile::tempdir().expect("a directory");
-    let (journal, contents) = Journal::open(dir.path(), "h1").expect("new");
+    let (journal, contents) = open(dir.path(), "h1").expect("new");
     assert!(contents.episodes.is_empty());
     journal.append(&entry(1)).expect("written");
     journal.append(&entry(0)).expect("written");
@@ -18,7 +22,7 @@ fn goes_on_after_a_cut_line_and_refuses_other_settings() {
     let mut text = std::fs::read_to_string(&path).expect("readable");
     text.push_str("{\"episode\":{\"rec");
     std::fs::write(&path, &text).expect("writable");
-    let (journal, contents) = Journal::open(dir.path(), "h1").expect("reopened");
+    let (journal, contents) = open(dir.path(), "h1").expect("reopened");
     assert_eq!(contents.episodes.len(), 2);
     assert_eq!(contents.episodes[0].0.key.episode, 0, "sorted by key");
     assert_eq!(contents.episodes[0].0.coverages[1], 1.0 / 3.0, "numbers survive exactly");
@@ -32,7 +36,7 @@ fn goes_on_after_a_cut_line_and_refuses_other_settings() {
     assert_eq!(weights, [None, Some("new"), None], "the later of two counts");
     assert_eq!(contents.forget_other_weights("q", Some("new")), 0);
     assert_eq!(contents.forget_other_weights("p", Some("new")), 2);
-    let error = Journal::open(dir.path(), "h2").err().expect("refused").to_string();
+    let error = open(dir.path(), "h2").err().expect("refused").to_string();
     assert!(["other settings", "--out", "objects by --only"].iter().all(|part| error.contains(part)), "{error}");
     std::fs::write(&path, "{}\n").expect("writable");
     assert!(read(dir.path()).expect_err("refused").to_string().contains("line 1"));
@@ -41,7 +45,7 @@ fn goes_on_after_a_cut_line_and_refuses_other_settings() {
 #[test]
 fn every_flipped_bit_of_a_journal_is_noticed() {
     let dir = tempfile::tempdir().expect("a directory");
-    let (journal, _) = Journal::open(dir.path(), "h1").expect("new");
+    let (journal, _) = open(dir.path(), "h1").expect("new");
     (0..4).for_each(|i| journal.append(&entry(i)).expect("written"));
     drop(journal);
     let path = dir.path().join(JOURNAL);
@@ -54,7 +58,7 @@ fn every_flipped_bit_of_a_journal_is_noticed() {
         let mut bad = good.clone();
         bad[byte] ^= 1 << bit;
         std::fs::write(&path, &bad).expect("writable");
-        match Journal::open(dir.path(), "h1") {
+        match open(dir.path(), "h1") {
             Err(error) => assert!(error.to_string().contains("line "), "{error}"),
             // The end of the last line: it counts as cut off, and its episode is run again.
             Ok((_, contents)) => {
@@ -72,10 +76,10 @@ fn every_flipped_bit_of_a_journal_is_noticed() {
 #[test]
 fn what_was_tried_again_is_what_became_of_it_last() {
     let dir = tempfile::tempdir().expect("a directory");
-    let (journal, _) = Journal::open(dir.path(), "h1").expect("new");
+    let (journal, _) = open(dir.path(), "h1").expect("new");
     let skipped = |episode: usize, reason: &str| {
         let Entry::Episode { record, .. } = entry(episode) else { panic!("an episode") };
-        Entry::Skipped(Skipped { key: record.key, reason: reason.to_owned() })
+        Entry::Skipped(Skipped { key: record.key, reason: reason.to_owned(), weights: None, files: None })
     };
     for entry in
         [skipped(0, "raised"), entry(1), skipped(2, "late"), entry(0), skipped(1, "raised"), skipped(2, "none")]
@@ -91,4 +95,93 @@ fn what_was_tried_again_is_what_became_of_it_last() {
     assert_eq!(contents.skipped.len(), 2);
     contents.forget_skipped("p");
     assert_eq!((contents.skipped.len(), contents.forget("q"), contents.forget("p")), (0, 0, 1));
+}
+
+#[test]
+fn without_its_first_line_a_journal_is_refused_with_the_line() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let config = EvaluateConfig { seed: 7, ..EvaluateConfig::default() };
+    let hash = config.outcome_hash().expect("hash");
+    let (journal, _) = open(dir.path(), &hash).expect("new");
+    (0..2).for_each(|i| journal.append(&entry(i)).expect("written"));
+    drop(journal);
+    let path = dir.path().join(JOURNAL);
+    let good = std::fs::read_to_string(&path).expect("readable");
+    let (first, rest) = good.split_once('\n').expect("lines");
+    let refused = |text: &str| {
+        std::fs::write(&path, text).expect("writable");
+        let error = open(dir.path(), "h2").err().expect("other settings would go unnoticed").to_string();
+        assert_eq!(error, read(dir.path()).expect_err("nor is it compared").to_string());
+        assert!(error.contains("line 1: ") && error.contains("give another --out"), "{error}");
+        assert!(!error.contains("delete"), "{error}");
+        error
+    };
+    for damaged in [rest.to_owned(), good.replacen(&hash[..3], "xyz", 1)] {
+        assert!(!refused(&damaged).contains(first), "nothing says what it was");
+    }
+    formats::run::RunDir::create(dir.path(), "evaluate", "c", &config).expect("written");
+    for damaged in [rest.to_owned(), good.replacen("settings", "setting5", 1)] {
+        assert!(refused(&damaged).ends_with(&format!(":\n{first}")), "as it was");
+    }
+    std::fs::write(&path, &good).expect("writable");
+    assert_eq!(open(dir.path(), &hash).expect("restored").1.episodes.len(), 2);
+}
+
+#[test]
+fn where_objects_lie_does_not_matter_if_their_files_are_known() {
+    let of = |root: &str| {
+        let mut config = EvaluateConfig::default();
+        config.dataset.name = datagen::dataset::DatasetName::Folder;
+        config.dataset.root = Some(root.into());
+        (config.outcome_hash().expect("hash"), config.placed_hash().expect("hash"))
+    };
+    let (here, there) = (of("meshes"), of("./meshes"));
+    assert!(here.0 == there.0 && here.1 != there.1);
+    let with = |files: Option<&str>| {
+        let Entry::Episode { mut record, timing } = entry(0) else { panic!("an episode") };
+        record.files = files.map(str::to_owned);
+        Entry::Episode { record, timing }
+    };
+    let begun = |hash: &str, files: Option<&str>| {
+        let dir = tempfile::tempdir().expect("a directory");
+        let (journal, _) = open(dir.path(), hash).expect("new");
+        journal.append(&with(files)).expect("written");
+        dir
+    };
+    let resumes = |dir: &tempfile::TempDir, hashes: &(String, String)| {
+        Journal::open(dir.path(), &hashes.0, &hashes.1).map(|(_, contents)| contents.episodes.len())
+    };
+    let new = begun(&here.0, Some("m1"));
+    assert_eq!([&here, &there].map(|hashes| resumes(&new, hashes).expect("resumed")), [1, 1]);
+    // An older program's: the place is all that tells its objects from others.
+    let older = begun(&here.1, None);
+    assert_eq!(resumes(&older, &here).expect("resumed"), 1);
+    assert!(matches!(resumes(&older, &there), Err(JournalError::OtherSettings { .. })));
+    // Of the default place.
+    let older = begun(&here.0, None);
+    assert!(matches!(resumes(&older, &there), Err(JournalError::OtherSettings { .. })));
+}
+
+#[test]
+fn what_failed_on_other_weights_or_files_is_tried_again() {
+    let skipped = |episode: usize, weights: Option<&str>, files: Option<&str>| {
+        let Entry::Episode { record, .. } = entry(episode) else { panic!("an episode") };
+        let [weights, files] = [weights, files].map(|digest| digest.map(str::to_owned));
+        Skipped { key: record.key, reason: "raised".to_owned(), weights, files }
+    };
+    let left = |contents: &Contents| contents.skipped.iter().map(|s| s.key.episode).collect::<Vec<_>>();
+    let skipped = vec![skipped(0, None, None), skipped(1, Some("w1"), Some("m1")), skipped(2, Some("w2"), Some("m2"))];
+    let contents = Contents { episodes: Vec::new(), skipped };
+    let mut others = contents.clone();
+    assert_eq!((others.forget_other_weights("p", Some("w2")), left(&others)), (0, vec![2]));
+    assert_eq!((others.forget_other_weights("q", Some("w1")), left(&others)), (0, vec![2]), "another policy");
+    let mut others = contents.clone();
+    others.forget_skipped_on_other_files(&BTreeMap::from([("a", Some("m1".to_owned()))]));
+    assert_eq!(left(&others), [1]);
+    others.forget_skipped_on_other_files(&BTreeMap::from([("b", Some("m2".to_owned()))]));
+    assert_eq!(left(&others), [1], "another object");
+    let mut built_in = contents;
+    built_in.forget_other_weights("p", None);
+    built_in.forget_skipped_on_other_files(&BTreeMap::from([("a", None)]));
+    assert_eq!(left(&built_in), [0], "without weights and files nothing changed");
 }

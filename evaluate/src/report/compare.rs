@@ -6,33 +6,63 @@ use super::table::{Table, number, range};
 use crate::bootstrap::{ResampleUnit, efficiency_ratio};
 use crate::config::EvaluateConfig;
 use crate::metrics::{Figure, Runs, efficiency};
+use std::collections::BTreeMap;
 
-/// Runs that have no episodes in common.
+/// Runs that cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "--compare: {simulated} was run in the simulator and {recorded} on recorded sequences: their episodes have nothing in \
-     common; compare directories of one kind"
-)]
-pub struct Unlike {
-    /// A folder.
-    pub simulated: String,
-    /// Another one.
-    pub recorded: String,
+pub enum Unlike {
+    /// They have no episodes in common.
+    #[error(
+        "--compare: {simulated} was run in the simulator and {recorded} on recorded sequences: their episodes have nothing \
+         in common; compare directories of one kind"
+    )]
+    Kinds {
+        /// A folder.
+        simulated: String,
+        /// Another one.
+        recorded: String,
+    },
+    /// An object is another one.
+    #[error(
+        "--compare: {object} of {first} and {object} of {other} are other meshes or scans of one name: their episodes are no \
+         pairs; compare runs on the same files"
+    )]
+    Objects {
+        /// The object.
+        object: String,
+        /// A folder.
+        first: String,
+        /// Another one.
+        other: String,
+    },
 }
 
-/// Refuses a run in the simulator beside one on recordings.
+/// Refuses a run in the simulator beside one on recordings, and runs on other objects of the same names. Older programs did not
+/// note which these were.
 ///
 /// # Errors
-/// The first of each kind.
+/// The first of each kind, the first object.
 pub fn check(folders: &[Folder]) -> Result<(), Unlike> {
     let first = |recorded: bool| {
         let of_kind = |folder: &&Folder| folder.settings.as_ref().is_some_and(|s| s.recorded() == recorded);
         folders.iter().find(of_kind).map(|folder| folder.name.clone())
     };
-    match (first(false), first(true)) {
-        (Some(simulated), Some(recorded)) => Err(Unlike { simulated, recorded }),
-        _ => Ok(()),
+    if let (Some(simulated), Some(recorded)) = (first(false), first(true)) {
+        return Err(Unlike::Kinds { simulated, recorded });
     }
+    let mut known: BTreeMap<&str, (&str, &str)> = BTreeMap::new();
+    for folder in folders {
+        for (record, _) in &folder.contents.episodes {
+            let Some(files) = &record.files else { continue };
+            let (first, of_first) =
+                *known.entry(record.key.object.as_str()).or_insert((folder.name.as_str(), files.as_str()));
+            if of_first != files {
+                let (object, first, other) = (record.key.object.clone(), first.to_owned(), folder.name.clone());
+                return Err(Unlike::Objects { object, first, other });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Seeds of runs whose episodes are no pairs, one per folder: in the simulator the first views depend on the seed, while
@@ -188,7 +218,20 @@ mod tests {
         let recorded = [folder("a", 0.95, 0, "sequences"), folder("b", 0.95, 1, "sequences")];
         assert_eq!(unpaired_seeds(&recorded), None, "they start with the same scans");
         let error = check(&[folder("s", 0.9, 0, "folder"), folder("r", 0.9, 0, "sequences")]).expect_err("unlike");
-        assert_eq!((error.simulated.as_str(), error.recorded.as_str()), ("s", "r"));
+        assert_eq!(error, Unlike::Kinds { simulated: "s".to_owned(), recorded: "r".to_owned() });
+    }
+
+    #[test]
+    fn other_objects_of_the_same_name_are_no_pairs() {
+        let of = |name: &str, files: Option<&str>| {
+            let mut folder = folder(name, 0.95, 0, "folder");
+            folder.contents.episodes.iter_mut().for_each(|(record, _)| record.files = files.map(str::to_owned));
+            folder
+        };
+        assert_eq!(check(&[of("x", Some("m1")), of("older", None), of("y", Some("m1"))]), Ok(()));
+        let error = check(&[of("x", Some("m1")), of("older", None), of("y", Some("m2"))]).expect_err("other meshes");
+        let text = error.to_string();
+        assert!(text.contains("a of x and a of y are other meshes or scans of one name"), "{text}");
     }
 
     #[test]

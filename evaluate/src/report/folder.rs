@@ -124,7 +124,7 @@ mod tests {
         let directory = tempfile::tempdir().expect("dir");
         assert!(matches!(read(directory.path()), Err(FolderError::Journal(_))));
         let config = crate::config::EvaluateConfig::default();
-        drop(journal::Journal::open(directory.path(), "h").expect("a journal"));
+        drop(journal::Journal::open(directory.path(), "h", "h").expect("a journal"));
         let bare = read(directory.path()).expect("an older folder");
         assert_eq!((bare.settings, bare.unfinished), (None, None));
         formats::run::RunDir::create(directory.path(), "evaluate", "c", &config).expect("written");

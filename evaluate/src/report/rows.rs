@@ -259,13 +259,13 @@ impl Row for TimeRow {
     }
 }
 
-/// An episode that was not run.
+/// An episode that was not run, or an object that cannot be used: it has no policy and no episode.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs)]
 pub struct SkippedRow {
     pub object: String,
-    pub policy: String,
-    pub episode: usize,
+    pub policy: Option<String>,
+    pub episode: Option<usize>,
     pub reason: String,
 }
 
@@ -273,7 +273,9 @@ impl Row for SkippedRow {
     const HEADINGS: &'static [&'static str] = &["object", "policy", "episode", "why"];
 
     fn cells(&self) -> Vec<String> {
-        vec![self.object.clone(), self.policy.clone(), self.episode.to_string(), self.reason.clone()]
+        let or_all = |text: Option<String>| text.unwrap_or_else(|| "all".to_owned());
+        let episode = self.episode.map(|episode| episode.to_string());
+        vec![self.object.clone(), or_all(self.policy.clone()), or_all(episode), self.reason.clone()]
     }
 }
 

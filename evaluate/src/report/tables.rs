@@ -1,6 +1,7 @@
 //! The tables of a run.
 
 use super::arm::{self, ArmRow};
+use super::missing::Missing;
 use super::recorded::{self, ForecastRow, RecordedRow, StopRow};
 use super::registration::{self, FailureRow, RegistrationRow};
 use super::rows::{ObjectRow, PairedRow, PolicyRow, SkippedRow, TimeRow};
@@ -11,7 +12,7 @@ use crate::bootstrap::{
 use crate::config::EvaluateConfig;
 use crate::journal::Contents;
 use crate::metrics::{Figure, Runs, efficiency, mean, quantile};
-use crate::record::EpisodeRecord;
+use crate::record::{EpisodeRecord, Skipped};
 use datagen::End;
 use serde::Serialize;
 
@@ -24,7 +25,7 @@ pub struct Rows {
     pub paired: Vec<PairedRow>,
     /// Policies object by object.
     pub objects: Vec<ObjectRow>,
-    /// What was not run.
+    /// What was not run: objects that cannot be used, then episodes.
     pub skipped: Vec<SkippedRow>,
     /// Policies on recorded sequences.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -48,18 +49,24 @@ pub struct Rows {
 
 impl Rows {
     /// Of a run.
-    pub fn of(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Self {
-        let skipped = |s: &crate::record::Skipped| SkippedRow {
+    pub fn of(contents: &Contents, config: &EvaluateConfig, policies: &[String], missing: &Missing) -> Self {
+        let unusable = |(object, reason): &(String, String)| SkippedRow {
+            object: object.clone(),
+            policy: None,
+            episode: None,
+            reason: reason.clone(),
+        };
+        let skipped = |s: &Skipped| SkippedRow {
             object: s.key.object.clone(),
-            policy: s.key.policy.clone(),
-            episode: s.key.episode,
+            policy: Some(s.key.policy.clone()),
+            episode: Some(s.key.episode),
             reason: s.reason.clone(),
         };
         Self {
             policies: policies.iter().map(|policy| overall(&runs(contents, policy), config, policy)).collect(),
             paired: against_baseline(contents, config, policies),
             objects: per_object(contents, config, policies),
-            skipped: contents.skipped.iter().map(skipped).collect(),
+            skipped: missing.unusable.iter().map(unusable).chain(contents.skipped.iter().map(skipped)).collect(),
             recorded: recorded::rows(contents, config, policies),
             forecasts: recorded::forecasts(contents, config, policies),
             stops: recorded::stops(contents, config, policies),
@@ -67,6 +74,11 @@ impl Rows {
             arm: arm::rows(contents, config, policies),
             failures: registration::failures(contents),
         }
+    }
+
+    /// How many objects cannot be used.
+    pub fn unusable(&self) -> usize {
+        self.skipped.iter().filter(|row| row.policy.is_none()).count()
     }
 
     /// The first table of recorded sequences, if they were run.

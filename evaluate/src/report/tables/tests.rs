@@ -1,6 +1,6 @@
 use super::*;
 use crate::metrics::tests::record;
-use crate::record::{EpisodeKey, Skipped, Timing};
+use crate::record::{EpisodeKey, Timing};
 use crate::report::table::write_csv;
 use std::collections::BTreeSet;
 
@@ -15,7 +15,7 @@ fn contents() -> Contents {
     let key = EpisodeKey { object: "a, b".into(), policy: "mine".into(), episode: 0 };
     Contents {
         episodes: [("benbv", 0), ("benbv", 1), ("mine", 0), ("mine", 1)].map(of).to_vec(),
-        skipped: vec![Skipped { key, reason: "\"void\"".into() }],
+        skipped: vec![Skipped { key, reason: "\"void\"".into(), weights: None, files: None }],
     }
 }
 
@@ -23,7 +23,9 @@ fn contents() -> Contents {
 fn no_column_stands_twice_and_every_number_is_there() {
     let (contents, config) = (contents(), EvaluateConfig::default());
     let policies = ["benbv", "mine"].map(str::to_owned);
-    let rows = Rows::of(&contents, &config, &policies);
+    let missing =
+        Missing { unusable: vec![("broken".to_owned(), "no faces".to_owned())], objects: 3, ..Missing::default() };
+    let rows = Rows::of(&contents, &config, &policies, &missing);
     let paper = EvaluateConfig::paper();
     for table in rows.tables(&contents, &config, &policies).iter().chain(&rows.tables(&contents, &paper, &policies)) {
         let unique: BTreeSet<&String> = table.header.iter().collect();
@@ -50,5 +52,10 @@ fn no_column_stands_twice_and_every_number_is_there() {
     }
     assert_eq!(csv(&|w| write_csv(w, &rows.paired)).len(), 1);
     let skipped = csv(&|w| write_csv(w, &rows.skipped));
-    assert_eq!((&skipped[0][0], &skipped[0][3]), ("a, b", "\"void\""), "names are quoted");
+    assert_eq!((&skipped[1][0], &skipped[1][3]), ("a, b", "\"void\""), "names are quoted");
+    assert_eq!(rows.unusable(), 1);
+    let broken = serde_json::json!({"object": "broken", "policy": null, "episode": null, "reason": "no faces"});
+    assert_eq!(json["skipped"][0], broken);
+    let tables = rows.tables(&contents, &config, &policies);
+    assert_eq!(tables.last().expect("tables").rows[0], ["broken", "all", "all", "no faces"]);
 }
