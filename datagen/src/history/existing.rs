@@ -77,7 +77,7 @@ fn check_same(shard: &Path, object: &str, name: &str, file: &Path) -> Result<(),
     Err(HistoryError::OtherHistory { file: file.to_owned(), shard: shard.to_owned() })
 }
 
-/// An object with what it is for now, in its shard as well.
+/// An object on another side of the split, in its shard as well.
 ///
 /// # Errors
 /// A shard that cannot be read or written.
