@@ -182,8 +182,7 @@ impl ConstraintsConfig {
                 object(Constraint::Visited, format!("{nearest:.3} m from a visited position"));
             }
         }
-        let clearance =
-            self.clearance_m.unwrap_or_else(|| CLEARANCE_M.min(0.25 * (view.position - view.target).norm()));
+        let clearance = self.clearance(view);
         if clearance > 0.0 && known.may_touch(&view.position, clearance) {
             let (distance, winding) = known.near(&view.position);
             if distance < clearance {
@@ -193,6 +192,11 @@ impl ConstraintsConfig {
             }
         }
         objections
+    }
+
+    /// How far from what was measured a view's camera must be, metres.
+    pub fn clearance(&self, view: &View) -> f64 {
+        self.clearance_m.unwrap_or_else(|| CLEARANCE_M.min(0.25 * (view.position - view.target).norm()))
     }
 
     /// What travel takes off the view's score.

@@ -349,7 +349,7 @@ impl Session {
         let added = ranking.lately_added.map(|share| share.zip(known).map(|(share, known)| share * known.covered()));
         let raised = added[0].is_some_and(|added| decline::heed(&mut candidates, missing.as_mut(), added));
         let next = candidates.first().filter(|c| c.objections.is_empty()).cloned();
-        let mut stop = Stop::judge(&candidates, self.config.stop_below, raised, added);
+        let mut stop = Stop::judge(&candidates, self.config.stop_below, raised, added, missing.as_ref());
         // Of some views nothing follows for the others.
         stop.stop &= ranking.complete;
         if let (Some(why), None) = (&doubt, stop.expected_gain) {

@@ -20,7 +20,8 @@ pub struct Stop {
     /// Likewise what the last two scans added together: one scan may add little by accident.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_two_added: Option<f64>,
-    /// Whether the next view, the last scan and the mean of the last two are under `stop_below`, or no view is left.
+    /// Whether the next view, the last scan and the mean of the last two are under `stop_below` and no tenth of the surface is sure to be
+    /// missing within reach, or no view is left.
     pub stop: bool,
 }
 
@@ -38,6 +39,9 @@ pub struct Missing {
     pub holes: Vec<Hole>,
 }
 
+/// Share of the whole surface that, if it is missing in nine of ten cases within reach, keeps a run from its end.
+const MUCH: f64 = 0.1;
+
 impl Stop {
     /// What `stop_below` is compared with.
     pub fn compared(&self) -> Option<f64> {
@@ -46,8 +50,16 @@ impl Stop {
     }
 
     /// From the most that any candidate which may be taken is predicted to add, whatever its rank.
-    /// `raised` is whether what the last scan added had part in it; `added` is what the last scan and the last two added.
-    pub fn judge(candidates: &[Candidate], stop_below: f64, raised: bool, added: [Option<f64>; 2]) -> Self {
+    /// `raised` is whether what the last scan added had part in it; `added` is what the last scan and the last two added. While `missing` is
+    /// sure to be much, it is not over however little the candidates add: the other side of a sheet is seen by none of those around
+    /// its rim, but by those of a later answer.
+    pub fn judge(
+        candidates: &[Candidate],
+        stop_below: f64,
+        raised: bool,
+        added: [Option<f64>; 2],
+        missing: Option<&Missing>,
+    ) -> Self {
         let [last_added, last_two_added] = added;
         let found = |expected_gain, basis: &str, stop| Self {
             expected_gain,
@@ -69,7 +81,8 @@ impl Stop {
             }
         };
         let found = found(predicted, basis, false);
-        Self { stop: found.compared().is_some_and(|gain| gain < stop_below), ..found }
+        let much = missing.is_some_and(|missing| missing.between[0] >= MUCH.max(stop_below));
+        Self { stop: !much && found.compared().is_some_and(|gain| gain < stop_below), ..found }
     }
 }
 

@@ -42,6 +42,12 @@ fn added_since(before: &[PreparedScan], state: &ScanState) -> Option<f64> {
 /// what is missing likewise. `last_added` is a share of the whole surface. Returns whether gains were raised.
 pub(super) fn heed(candidates: &mut [Candidate], missing: Option<&mut Missing>, last_added: f64) -> bool {
     let raised = |predicted: f64, declined: f64| predicted + WEIGHT * (declined - predicted).max(0.0);
+    let allowed = candidates.iter().filter(|c| c.objections.is_empty());
+    let best = allowed.filter_map(|c| c.expected_gain).fold(0.0, f64::max);
+    // Where no view is expected to add anything, there is nothing to raise, nor is that missing which none would add.
+    if best <= 0.0 {
+        return false;
+    }
     let mut most = 1.0;
     if let Some(missing) = missing {
         // What is left if each scan adds that part of the one before.
@@ -50,10 +56,8 @@ pub(super) fn heed(candidates: &mut [Candidate], missing: Option<&mut Missing>, 
         missing.between[1] = missing.between[1].max(Missing::widened([0.0, left.max(missing.share)])[1]);
         most = missing.share;
     }
-    let allowed = candidates.iter().filter(|c| c.objections.is_empty());
-    let best = allowed.filter_map(|c| c.expected_gain).fold(0.0, f64::max);
     let to = raised(best, NEXT * last_added);
-    if best <= 0.0 || to <= best {
+    if to <= best {
         return false;
     }
     let gains = candidates.iter_mut().filter_map(|c| c.expected_gain.as_mut());

@@ -254,9 +254,15 @@ impl Cell<'_> {
         // A camera that stands still does not travel.
         let moves = self.config.turntable.as_ref().is_none_or(|t| t.cell_from_camera.is_none());
         let mut objections = self.limits.objections_in_cell(view, in_cell, overlap, &self.known);
-        if let Some(height) = self.support.map(|plane| plane.height(&view.position)).filter(|h| *h <= 0.0) {
-            let reason = format!("camera {:.3} m below the plane that the object stands on", -height);
-            objections.push(Objection { constraint: Constraint::Support, reason });
+        if let Some(height) = self.support.map(|plane| plane.height(&view.position)) {
+            // Of its points none is in the cloud.
+            if height <= 0.0 {
+                let reason = format!("camera {:.3} m below the plane that the object stands on", -height);
+                objections.push(Objection { constraint: Constraint::Support, reason });
+            } else if height < self.limits.clearance(view) {
+                let reason = format!("{height:.3} m from the plane that the object stands on");
+                objections.push(Objection { constraint: Constraint::Clearance, reason });
+            }
         }
         let mut cost = if moves { self.limits.travel_cost(in_cell, &self.known) } else { 0.0 };
         let mut reached = None;

@@ -1,8 +1,11 @@
 use super::*;
 use crate::Reading;
 use crate::Unseen;
-use crate::constraints::Objection;
+use crate::config::CameraConfig;
+use crate::constraints::{Constraint, Objection};
+use crate::pose::PoseConfig;
 use crate::stop::Missing;
+use crate::support::Support;
 use crate::{Left, PlannerName, RankBy, Stopped};
 use geometry::View;
 use nalgebra::Vector3;
@@ -27,14 +30,71 @@ fn stop_asks_all_views_that_may_be_taken() {
         candidate.expected_gain = Some(gain);
     }
     candidates[2].objections.push(Objection::scanned());
-    let stop = Stop::judge(&candidates, 0.1, false, [None; 2]);
+    let stop = Stop::judge(&candidates, 0.1, false, [None; 2], None);
     assert_eq!((stop.expected_gain, stop.stop), (Some(0.2), false), "the second is worth it, the third is ruled out");
     candidates.remove(1);
-    assert!(Stop::judge(&candidates, 0.1, false, [None; 2]).stop, "the first alone is not");
+    assert!(Stop::judge(&candidates, 0.1, false, [None; 2], None).stop, "the first alone is not");
     candidates[0].expected_gain = None;
-    let unknown = Stop::judge(&candidates, 0.1, false, [None; 2]);
+    let unknown = Stop::judge(&candidates, 0.1, false, [None; 2], None);
     assert!(!unknown.stop && unknown.expected_gain.is_none(), "no prediction is no reason to end: {unknown:?}");
-    assert!(Stop::judge(&[], 0.0, false, [None; 2]).stop, "no view is left");
+    assert!(Stop::judge(&[], 0.0, false, [None; 2], None).stop, "no view is left");
+}
+
+#[test]
+fn a_run_is_not_over_while_much_is_sure_to_be_missing() {
+    let mut candidates = session(40, SessionConfig::default()).next_view().expect("an answer").candidates;
+    candidates.truncate(1);
+    candidates[0].objections.clear();
+    candidates[0].expected_gain = Some(0.004);
+    let missing = |low| Missing { share: 0.6, between: [low, 0.7], out_of_reach_share: 0.0, holes: Vec::new() };
+    let stop = |low, below| Stop::judge(&candidates, below, false, [None; 2], Some(&missing(low))).stop;
+    assert!(!stop(0.1, 0.01) && stop(0.09, 0.01), "a tenth");
+    assert!(stop(0.15, 0.2), "who asks for less gets it");
+    assert!(Stop::judge(&[], 0.01, false, [None; 2], Some(&missing(0.5))).stop, "no view is left");
+}
+
+#[test]
+fn views_keep_their_clearance_from_what_the_object_stands_on() {
+    let support = Support::Plane(Plane { normal: [0.0, 0.0, 1.0], offset_m: -0.02 });
+    let session = session(40, SessionConfig { support, ..SessionConfig::default() });
+    let against = |z: f64| {
+        let view = View { target: Point3::origin(), position: Point3::new(1.0, 0.0, z) };
+        session.place(&view).objections.into_iter().map(|o| o.constraint).collect::<Vec<_>>()
+    };
+    assert_eq!(against(-0.016), [Constraint::Clearance]);
+    assert_eq!(against(-0.024), [Constraint::Support]);
+    assert_eq!(against(0.04), []);
+}
+
+#[test]
+fn an_image_that_holds_the_cloud_does_not_overflow() {
+    // 0.8 m long; the image holds 0.58 m by 1.04 m at that distance.
+    let points = (0..3_200).map(|i| Point3::new(0.01 * f64::from(i % 8), 0.002 * f64::from(i / 8), 0.0)).collect();
+    let cloud = PointCloud { points, normals: Vec::new() };
+    let told = |width, height, extra_roll_deg| {
+        let camera = CameraConfig { width, height, fov_y_deg: 40.0, intrinsics: None };
+        let pose = PoseConfig { extra_roll_deg, ..PoseConfig::default() };
+        let config = SessionConfig { camera, pose, working_distance_m: 0.8, ..SessionConfig::default() };
+        let mut session = Session::new(config, None).expect("settings in range");
+        let position = Point3::new(0.04, 0.4, 0.8);
+        session.add_scan(Scan::Cloud { cloud: cloud.clone(), from: Some(position) }).expect("a scan");
+        let mut best = session.next_view().expect("an answer").candidates.swap_remove(0);
+        (best.target_m, best.position_m) = ([0.04, 0.4, 0.0], position.coords.into());
+        session.overflows(&best)
+    };
+    assert_ne!(told(1280, 720, 0.0), told(1280, 720, 90.0), "only along its long side");
+    assert!(told(100, 100, 0.0));
+}
+
+#[test]
+fn pixels_that_leave_gaps_are_told() {
+    let told = |tolerance_m| {
+        let mut session = session(40, SessionConfig { tolerance_m, ..SessionConfig::default() });
+        let warnings = session.next_view().expect("an answer").warnings;
+        warnings.iter().any(|w| w.contains("every scan leaves gaps"))
+    };
+    // 2.3 mm apart at 1.2 m.
+    assert!(told(0.001) && !told(0.002));
 }
 
 #[test]

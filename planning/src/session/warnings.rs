@@ -15,6 +15,8 @@ const TOO_SMALL: f64 = 0.01;
 const ANOTHER_UNIT: f64 = 0.01;
 /// A tolerance beyond this share of the cloud hides what a view adds.
 const COARSE: f64 = 0.05;
+/// Pixels this many tolerances apart leave gaps between what their points cover, even seen at right angles.
+const GAPS: f64 = 1.7;
 /// Notes of an answer.
 const MOST_NOTES: usize = 20;
 
@@ -135,7 +137,7 @@ impl Session {
                 length(diagonal),
                 length(serves)
             ));
-        } else if diagonal > distance * angle && !too_large {
+        } else if diagonal > distance * angle && !too_large && self.overflows(best) {
             warnings.push(format!(
                 "the cloud is {} across and overflows the image at {}: try a distance of {} (--distance {serves:.3})",
                 length(diagonal),
@@ -143,7 +145,30 @@ impl Session {
                 length(serves)
             ));
         }
+        let pixel = camera.pixel_size(distance);
+        if pixel > GAPS * tolerance {
+            warnings.push(format!(
+                "pixels are {} apart at {}, and a point covers surface within tolerance_m of {}: every scan leaves gaps, and views go back to \
+                 what was seen already (try --set tolerance_m={pixel:.1e}, or a shorter distance)",
+                length(pixel),
+                length(distance),
+                length(tolerance)
+            ));
+        }
         warnings
+    }
+
+    /// Whether the image of a view does not hold the cloud: more than a hundredth of its points.
+    pub(super) fn overflows(&self, view: &Candidate) -> bool {
+        let (camera, points) = (&self.state.camera, &self.state.cloud.points);
+        let camera_from_world = self.camera_at(view).inverse();
+        let outside = |p: &&Point3<f64>| {
+            let local = camera_from_world * **p;
+            let pixel = camera.project(&local);
+            let within = |x: f64, size: u32| x >= -0.5 && x < f64::from(size) - 0.5;
+            !(local.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height))
+        };
+        100 * points.iter().filter(outside).count() > points.len()
     }
 
     /// Of a scan so much smaller than another that its numbers must be in another unit.

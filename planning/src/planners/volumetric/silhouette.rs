@@ -61,13 +61,14 @@ impl Silhouette {
         let high = |k: usize| directions.iter().map(|d| d[k]).fold(f64::NEG_INFINITY, f64::max);
         let [from, to] = [[low(0), low(1)], [high(0), high(1)]];
         let widest = (to[0] - from[0]).max(to[1] - from[1]).max(f64::MIN_POSITIVE);
-        // A gap between neighbouring points is no background. An image has no gaps.
-        let (cell, margin) = match &scan.seen {
-            Seen::Depth { camera, .. } => (camera.fx.min(camera.fy).recip(), 0),
-            Seen::Points(_) => ((0.5 * voxel / depth).max(pitch(&directions, from, to)), 1),
+        // A gap between neighbouring points is no background. An image has no gaps, and its pixels lie in the middles of cells: on
+        // their borders, rounding would leave some empty.
+        let (cell, margin, half) = match &scan.seen {
+            Seen::Depth { camera, .. } => (camera.fx.min(camera.fy).recip(), 0, 0.5),
+            Seen::Points(_) => ((0.5 * voxel / depth).max(pitch(&directions, from, to)), 1, 0.0),
         };
         let cell = cell.max(widest / MAX_CELLS as f64);
-        let edge = (margin + DEEP + 2) as f64;
+        let edge = (margin + DEEP + 2) as f64 + half;
         let scale = 1.0 / cell;
         let corner = [from[0] - edge * cell, from[1] - edge * cell];
         let size = [0, 1].map(|k| ((to[k] - from[k]) * scale + 2.0 * edge).ceil().max(1.0) as usize);

@@ -75,7 +75,9 @@ fn a_run_waits_for_a_scan_that_added_little() {
     assert!((0.05..0.53).contains(&added), "{added}");
     let compared = second.compared().expect("a prediction");
     assert!(compared >= added && compared >= second.expected_gain.expect("a prediction"));
-    assert!(!stop(&[0.0, 0.2], compared - 1e-6).stop && stop(&[0.0, 0.2], compared + 1e-6).stop);
+    assert!(!stop(&[0.0, 0.2], compared - 1e-6).stop);
+    // Nobody has seen their other sides: that is more than the threshold.
+    assert!(!stop(&[0.0, 0.2], compared + 1e-6).stop && stop(&[0.0, 0.2], 0.9).stop);
     // The third adds nothing, and half of what the second added is still more than any view is expected to.
     let third = stop(&[0.0, 0.2, 0.2], 0.0);
     let (last, two) = (third.last_added.expect("scans before"), third.last_two_added.expect("scans before"));
@@ -111,9 +113,15 @@ fn gains_fall_no_faster_than_scans_before_lead_one_to_expect() {
     near(left.share, 0.02 + 0.7 * 0.08);
     assert!(left.between[1] > 0.1 && left.between[0] == 0.01, "{:?}", left.between);
     assert!(raised[1] <= left.share, "no more than is missing");
+    // Where none is expected to add anything, nothing is raised.
+    let mut none = candidates.clone();
+    none.iter_mut().for_each(|c| c.expected_gain = Some(0.0));
+    let mut nothing = Missing { share: 0.0, between: [0.0, 0.02], ..missing() };
+    assert!(!heed(&mut none, Some(&mut nothing), 0.3));
+    assert_eq!((nothing.share, nothing.between), (0.0, [0.0, 0.02]));
     // 0.038 is expected at most: a run goes on all the same while the last scan added more than the threshold, or the last two did in the
     // mean.
-    let stop = |last, two| Stop::judge(&candidates, 0.045, true, [last, two]);
+    let stop = |last, two| Stop::judge(&candidates, 0.045, true, [last, two], None);
     assert!(!stop(Some(0.1), None).stop && stop(Some(0.04), None).stop && stop(None, None).stop);
     assert!(!stop(Some(0.04), Some(0.1)).stop && stop(Some(0.04), Some(0.08)).stop);
     let compared = |last, two| stop(Some(last), Some(two)).compared();
