@@ -84,7 +84,7 @@ pub struct RunArgs {
     /// Output directory [default: runs/data/<NAME>, with -test for the test half]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Half of the data set: train or test [default: train]
+    /// Half of the data set: train or test; a folder has no test half [default: train]
     #[arg(long, value_name = "HALF")]
     pub split: Option<String>,
     /// Number of objects from each category

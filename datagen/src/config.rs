@@ -1,6 +1,6 @@
 //! Settings of data generation; `configs/datagen.toml` spells them out.
 
-use crate::dataset::DatasetConfig;
+use crate::dataset::{DatasetConfig, DatasetName, SplitChoice};
 use crate::episode::EpisodeConfig;
 use crate::search::SearchConfig;
 use formats::CloudPrecision;
@@ -80,6 +80,14 @@ impl DatagenConfig {
         ])?;
         if self.candidates.tilts_deg.is_empty() {
             return Err(SettingError::new("candidates.tilts_deg", "[]", "at least one angle"));
+        }
+        if let Some(tilt) = self.candidates.tilts_deg.iter().find(|tilt| !tilt.is_finite()) {
+            return Err(SettingError::new("candidates.tilts_deg", tilt, "angles in degrees, such as [-45, 0, 45]"));
+        }
+        if self.dataset.name == DatasetName::Folder && self.dataset.split == Some(SplitChoice::Test) {
+            let expected = "train, or none: a folder has no halves, and its test half would be the objects of its training set; \
+                            put test meshes in a folder of their own, for `evaluate --dataset folder --root DIR`";
+            return Err(SettingError::new("dataset.split", "test", expected));
         }
         Ok(())
     }

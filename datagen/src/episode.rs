@@ -98,9 +98,13 @@ impl Episode {
     "none of {draws} first views gave a usable scan: the best had {points} points (wanted {min_points}) and covered \
      {:.1} % of the surface (wanted {:.1} %); {}",
     100.0 * coverage, 100.0 * min_coverage,
-    match ruled_out {
-        Some(reason) => format!("and views were excluded, the last one because of: {reason}"),
-        None => "is the object of the expected size (0.2 m) and in view at this distance?".to_owned(),
+    match (ruled_out, crowded) {
+        (Some(reason), _) => format!("and views were excluded, the last one because of: {reason}"),
+        (None, Some((points, reference))) => format!(
+            "a scan had more points than the reference ({points}, and the reference {reference}), which is void with \
+             accumulate = \"matched\": raise surface_samples"
+        ),
+        (None, None) => "is the object of the expected size (0.2 m) and in view at this distance?".to_owned(),
     }
 )]
 pub struct VoidEpisode {
@@ -116,6 +120,8 @@ pub struct VoidEpisode {
     pub min_coverage: f64,
     /// What spoke against views that were not even tried.
     pub ruled_out: Option<String>,
+    /// Points of the last scan that had more than the reference, and those of the reference: void as published.
+    pub crowded: Option<(usize, usize)>,
 }
 
 /// Why there is no outcome.

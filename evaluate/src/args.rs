@@ -5,7 +5,7 @@ use clap::Parser;
 use formats::config::Flag;
 use formats::program::{CommonArgs, EXIT_CODES, length};
 use formats::urdf::{UrdfArm, read_urdf};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -38,9 +38,9 @@ pub struct Args {
     /// Episodes per object and policy; at most one per start of a recorded sequence [default: 60]
     #[arg(long, value_name = "COUNT")]
     pub episodes: Option<u32>,
-    /// Directory of the results
-    #[arg(long, value_name = "DIR", default_value = "runs/evaluate")]
-    pub out: PathBuf,
+    /// Directory of the results [default: runs/evaluate]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     /// Use the publication's simulator, policies and way of counting, and print its values beside ours
     #[arg(long, value_parser = ["paper"])]
     pub preset: Option<String>,
@@ -77,6 +77,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// Directory of the results of a run.
+    pub fn results(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new("runs/evaluate"))
+    }
+
     /// The settings: defaults or the publication's, then the file, then `--set`, then flags.
     pub fn settings(&self) -> anyhow::Result<EvaluateConfig> {
         let arm = match (&self.robot, &self.tool) {

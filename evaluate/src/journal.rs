@@ -112,20 +112,13 @@ struct Hashes<'a> {
     placed: &'a str,
 }
 
-/// Marks a number written as text.
+/// Marks a number that an older program wrote as text.
 const EXACT: &str = "f64:";
 
-/// Numbers with a fraction become text: serde_json reads them back with the last bit wrong (its exact reader is a feature
-/// that would rebuild every crate), and a resumed run must end in the same bytes.
-fn spell_out(value: &mut Value) {
-    match value {
-        Value::Number(n) if n.is_f64() => *value = Value::String(format!("{EXACT}{n}")),
-        Value::Array(list) => list.iter_mut().for_each(spell_out),
-        Value::Object(map) => map.values_mut().for_each(spell_out),
-        _ => {}
-    }
-}
+/// What is text whatever it begins with.
+const TEXTS: [&str; 3] = ["object", "policy", "reason"];
 
+/// Older programs' numbers as numbers.
 fn read_back(value: &mut Value) {
     match value {
         Value::String(text) => {
@@ -134,16 +127,16 @@ fn read_back(value: &mut Value) {
             }
         }
         Value::Array(list) => list.iter_mut().for_each(read_back),
-        Value::Object(map) => map.values_mut().for_each(read_back),
+        Value::Object(map) => {
+            map.iter_mut().filter(|(key, _)| !TEXTS.contains(&key.as_str())).for_each(|(_, value)| read_back(value));
+        }
         _ => {}
     }
 }
 
 /// An entry as a line has it.
 fn line_of(entry: &Entry) -> serde_json::Result<String> {
-    let mut value = serde_json::to_value(entry)?;
-    spell_out(&mut value);
-    Ok(sealed(&value.to_string()))
+    Ok(sealed(&serde_json::to_value(entry)?.to_string()))
 }
 
 /// What begins a line: 16 hexadecimal digits of the SHA-256 of the JSON object that they are put into follow.

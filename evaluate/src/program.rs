@@ -9,7 +9,7 @@ use crate::networks::Networks;
 use crate::objects::ObjectError;
 use crate::policies::{PAPER_POLICIES, POLICIES, Policy, RECORDED_POLICIES, check};
 use crate::record::EpisodeKey;
-use crate::report::folder::{self, Folder};
+use crate::report::folder;
 use crate::report::{self, compare, tables::Rows};
 use crate::run::{self, Ended};
 use anyhow::{Context, bail};
@@ -19,7 +19,6 @@ use formats::run::atomic_write;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ffi::OsString;
 use std::io::IsTerminal;
-use std::path::Path;
 use std::process::ExitCode;
 
 /// The program with this command line, its own name first.
@@ -60,13 +59,13 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let stop = program::stop_when_asked("stopping after the current episodes; press again to stop immediately")?;
     let bar = Bar(progress());
-    let ended = run::run(&args.out, &policies, &config, &networks, stop, &bar)?;
+    let ended = run::run(args.results(), &policies, &config, &networks, stop, &bar)?;
     bar.0.finish_and_clear();
     match ended {
         Ended::Stopped { done, left } => {
             eprintln!("stopped after {done} episodes, {left} left; the same command resumes from here");
             if done > 0 {
-                eprintln!("preliminary report: {:?}", args.out.join("report.html"));
+                eprintln!("preliminary report: {:?}", args.results().join("report.html"));
             }
             Ok(ExitCode::from(program::STOPPED))
         }
@@ -172,7 +171,7 @@ fn summary(args: &Args, config: &EvaluateConfig, rows: &Rows, contents: &journal
         0 => String::new(),
         count => format!(", {count} objects could not be used"),
     };
-    let place = args.out.join("report.html");
+    let place = args.results().join("report.html");
     let mut table = rows.recorded_table().unwrap_or_else(|| rows.overall()).to_markdown();
     if args.preset.is_some() {
         let order = report::policy_order(contents, &config.policies);
@@ -182,7 +181,7 @@ fn summary(args: &Args, config: &EvaluateConfig, rows: &Rows, contents: &journal
 }
 
 fn compare_folders(args: &Args) -> anyhow::Result<ExitCode> {
-    let folders: Vec<Folder> = args.compare.iter().map(|path| folder::read(path)).collect::<Result<_, _>>()?;
+    let folders = folder::read_all(&args.compare)?;
     compare::check(&folders)?;
     let baseline = args.baseline.clone().unwrap_or_else(|| EvaluateConfig::default().baseline);
     let baseline: Policy = baseline.parse().context("--baseline")?;
@@ -193,8 +192,8 @@ fn compare_folders(args: &Args) -> anyhow::Result<ExitCode> {
     let mut text: String = compare::notes(&folders).iter().map(|note| format!("{note}\n\n")).collect();
     text.extend(compare::tables(&folders, baseline.name()).iter().map(report::table::Table::to_markdown));
     program::print_line(&text)?;
-    if args.out != Path::new("runs/evaluate") {
-        atomic_write(&args.out.join("compare.md"), format!("# Comparison\n\n{text}").as_bytes())?;
+    if let Some(out) = &args.out {
+        atomic_write(&out.join("compare.md"), format!("# Comparison\n\n{text}").as_bytes())?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -254,3 +254,37 @@ fn objects_that_cannot_be_used_are_part_of_the_results() {
     assert!(read("run.toml").contains("finished; 1 of 2 objects could not be used"), "{}", read("run.toml"));
     assert!(on(&[]).contains("1 episodes, 0 skipped, 1 objects could not be used; see"));
 }
+
+#[test]
+fn a_comparison_is_written_where_out_says() {
+    let directory = tempfile::tempdir().expect("dir");
+    block(&directory.path().join("meshes/a.off"), 1.0);
+    let of = |out: &str| {
+        let arguments = [&ON_MESHES[..], &["--root", "meshes", "--episodes", "1", "--out", out]].concat();
+        let (code, _, message) = run(directory.path(), &arguments);
+        assert_eq!(code, Some(0), "{message}");
+    };
+    of("x/near");
+    of("y/near");
+    let compare = ["--compare", "x/near", "y/near", "--baseline", "random-33"];
+    let (code, text, message) = run(directory.path(), &compare);
+    assert!(code == Some(0) && text.contains("| policy | x/near | y/near |"), "{text} {message}");
+    assert!(!directory.path().join("runs").exists(), "nothing is written unasked");
+    let (code, _, message) = run(directory.path(), &[&compare[..], &["--out", "runs/evaluate"]].concat());
+    assert_eq!(code, Some(0), "{message}");
+    assert!(directory.path().join("runs/evaluate/compare.md").exists(), "also where runs go by default");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_argument_need_not_be_unicode() {
+    use std::os::unix::ffi::OsStrExt;
+    let directory = tempfile::tempdir().expect("dir");
+    block(&directory.path().join("meshes/a.off"), 1.0);
+    let out = std::ffi::OsStr::from_bytes(b"o\xfft");
+    let arguments = [&ON_MESHES[..], &["--root", "meshes", "--episodes", "1", "--out"]].concat();
+    let output = evaluate(directory.path(), &arguments).arg(out).output().expect("the program starts");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = std::fs::read_to_string(directory.path().join(out).join("run.toml")).expect("run.toml");
+    assert!(said.contains("o\u{fffd}t"), "{said}");
+}

@@ -146,9 +146,14 @@ impl Manifest {
     /// Reads `manifest.json` of a set.
     ///
     /// # Errors
-    /// No such file, or one that is no manifest.
+    /// No such file (of a set that was begun: that it is not finished), or one that is no manifest.
     pub fn read(directory: &Path) -> Result<Self, FormatError> {
         let path = directory.join(MANIFEST);
+        if !path.exists() && begun(directory) {
+            let expected =
+                "a finished set: `datagen` was interrupted here; run the same `datagen` command again to finish it";
+            return Err(FormatError::syntax(directory, Place::File, format!("no {MANIFEST}"), expected));
+        }
         let bytes = crate::file::read(&path)?;
         let manifest: Self = serde_json::from_slice(&bytes).map_err(|e| {
             FormatError::syntax(&path, Place::Line(e.line()), e.to_string(), "a manifest as datagen writes it")
@@ -203,6 +208,12 @@ impl Manifest {
         }
         Ok(Some(reader))
     }
+}
+
+/// Whether `datagen` began a set in a directory: its shards, or its note of the run.
+fn begun(directory: &Path) -> bool {
+    let noted = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).contains("program = \"datagen ");
+    directory.join("shards").is_dir() || crate::file::read(&directory.join("run.toml")).is_ok_and(noted)
 }
 
 #[cfg(test)]

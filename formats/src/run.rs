@@ -81,7 +81,7 @@ fn parent(path: &Path) -> &Path {
 /// How a run came about; `run.toml` in its directory.
 #[derive(Clone, Debug, Serialize)]
 pub struct Provenance {
-    /// The command line.
+    /// The command line; what is no Unicode in it is replaced.
     pub command: Vec<String>,
     /// Program and version.
     pub program: String,
@@ -107,7 +107,7 @@ impl Provenance {
     /// Of this process, now, by a program that was built from this commit.
     pub fn now(program: &str, commit: &str) -> Self {
         Self {
-            command: std::env::args().collect(),
+            command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
             program: format!("{program} {}", env!("CARGO_PKG_VERSION")),
             commit: commit.to_owned(),
             host: std::fs::read_to_string("/proc/sys/kernel/hostname")

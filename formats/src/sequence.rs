@@ -3,6 +3,8 @@
 mod poses;
 mod scan;
 
+pub use poses::called;
+
 use crate::{FormatError, Place};
 use geometry::{DepthImage, PinholeCamera, View};
 use nalgebra::{Isometry3, Point3, Vector3};

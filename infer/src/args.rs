@@ -72,18 +72,19 @@ pub struct Args {
     /// Camera pose of each depth image, or of each cloud
     ///
     /// tx,ty,tz,qx,qy,qz,qw in metres, or a file with one pose in any format accepted by --views-from; FILE:NAME or FILE:INDEX selects
-    /// one of several. For clouds it replaces --from, and places an organised cloud that is in its camera's frame.
+    /// one of several, by its index only if none is named by a number. For clouds it replaces --from, and places an organised cloud that is in its camera's frame.
     #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "FILE|NUMBERS", conflicts_with_all = ["object", "serve"])]
     pub pose: Vec<String>,
     /// Intrinsics of the depth images, in pixels
     ///
-    /// Not needed if the pose file contains them.
+    /// Not needed if the pose file contains them, which these replace, with a warning if they differ.
     #[arg(help_heading = SCANS, long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, requires = "depth", conflicts_with_all = ["object", "serve"])]
     pub intrinsics: Option<[f64; 4]>,
     /// Calibration file of the camera
     ///
     /// ROS CameraInfo, OpenCV FileStorage or Kalibr camchain (YAML; FILE:cam1 selects one of several), RealSense or Open3D intrinsics
-    /// and BOP's camera.json (JSON). Depth images are undistorted with it, and the camera of the next scan has its size and focal length.
+    /// and BOP's camera.json (JSON). Depth images are undistorted with it, and the camera of the next scan has its size and focal length. Intrinsics in the pose file
+    /// of an image, if any, are used for that image.
     #[arg(help_heading = SCANS, long, value_name = "FILE", conflicts_with_all = ["object", "intrinsics"])]
     pub camera: Option<String>,
     /// Pixels without a return: unknown or free (nothing there)
@@ -202,7 +203,7 @@ pub struct Args {
     #[arg(help_heading = OUTPUT, long, value_name = "FILE", conflicts_with_all = ["object", "serve"])]
     pub plan: Option<PathBuf>,
     /// Maximum number of views in --plan
-    #[arg(help_heading = OUTPUT, hide_short_help = true, long, value_name = "COUNT", default_value_t = 8, requires = "plan")]
+    #[arg(help_heading = OUTPUT, hide_short_help = true, long, value_name = "COUNT", default_value_t = 8, requires = "plan", conflicts_with_all = ["object", "serve"])]
     pub plan_views: usize,
     /// Write the measured surface as triangles, PLY or STL
     ///
@@ -223,12 +224,12 @@ pub struct Args {
     #[arg(help_heading = SIMULATION, long, value_name = "MESH", conflicts_with_all = ["scan", "depth", "serve", "views_from"])]
     pub object: Option<String>,
     /// Number of next views
-    #[arg(help_heading = SIMULATION, long, default_value_t = 15, value_name = "COUNT", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
+    #[arg(help_heading = SIMULATION, long, default_value_t = 15, value_name = "COUNT", requires = "object", conflicts_with_all = ["scan", "depth", "serve", "session"])]
     pub views: usize,
     /// Write the first scans into this directory
     ///
     /// Two clouds, a depth image and their poses.
-    #[arg(help_heading = SIMULATION, hide_short_help = true, long, value_name = "DIR", requires = "object", conflicts_with_all = ["scan", "depth", "serve"])]
+    #[arg(help_heading = SIMULATION, hide_short_help = true, long, value_name = "DIR", requires = "object", conflicts_with_all = ["scan", "depth", "serve", "session"])]
     pub export_scans: Option<PathBuf>,
     /// Answer requests: JSON lines on stdin, --http, --ros2
     #[arg(help_heading = SERVICE, long, conflicts_with_all = ["scan", "depth", "report", "ply", "views_from"])]
@@ -236,23 +237,23 @@ pub struct Args {
     /// Loopback address, e.g. 127.0.0.1:8350
     ///
     /// Port 0 takes a free port and prints it.
-    #[arg(help_heading = SERVICE, long, value_name = "ADDRESS", requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
+    #[arg(help_heading = SERVICE, long, value_name = "ADDRESS", requires = "serve", conflicts_with_all = ["scan", "depth", "object", "session"])]
     pub http: Option<SocketAddr>,
     /// Run as a ROS 2 node in this frame
     ///
     /// Scans are transformed into this frame, and poses are answered in it. The object must not move in it: base_link, for instance. It
     /// runs beside HTTP if --http is given too. Topics and more are under [ros2] in configs/service.toml; see docs/ros2.md.
-    #[arg(help_heading = SERVICE, long, value_name = "BASE_FRAME", num_args = 0..=1, requires = "serve", conflicts_with_all = ["scan", "depth", "object"])]
+    #[arg(help_heading = SERVICE, long, value_name = "BASE_FRAME", num_args = 0..=1, requires = "serve", conflicts_with_all = ["scan", "depth", "object", "session"])]
     pub ros2: Option<Option<String>>,
     /// Keep sessions in this directory
     ///
     /// They survive the end of the service, even a crash.
-    #[arg(help_heading = SERVICE, long, value_name = "DIR", requires = "serve")]
+    #[arg(help_heading = SERVICE, long, value_name = "DIR", requires = "serve", conflicts_with_all = ["scan", "depth", "object", "session"])]
     pub state: Option<PathBuf>,
     /// Settings of the service (TOML)
     ///
     /// Like configs/service.toml; --set service.KEY=VALUE and ros2.KEY=VALUE also work.
-    #[arg(help_heading = SERVICE, hide_short_help = true, long, value_name = "FILE", requires = "serve")]
+    #[arg(help_heading = SERVICE, hide_short_help = true, long, value_name = "FILE", requires = "serve", conflicts_with_all = ["scan", "depth", "object", "session"])]
     pub service_config: Option<PathBuf>,
     /// Options of every program.
     #[command(flatten, next_help_heading = "General")]

@@ -18,7 +18,11 @@ pub fn answer(
     match method {
         Method::Health => return service.health(),
         Method::List => return service.list(),
-        Method::Delete => return service.delete(session.unwrap_or_default(), key),
+        Method::Delete => {
+            let entry = service.entry(session).ok();
+            let mut open = entry.as_ref().map(|entry| entry.open.blocking_lock());
+            return service.delete(session.unwrap_or_default(), open.as_deref_mut(), key);
+        }
         _ => {}
     }
     let (bytes, may_read_files) = match body {

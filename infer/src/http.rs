@@ -253,7 +253,17 @@ async fn answer(
     } else {
         read()?
     };
-    let Some(ask) = ask else { return service.delete(&session.unwrap_or_default(), key) };
+    let Some(ask) = ask else {
+        let name = session.unwrap_or_default();
+        let mut open = match service.entry(Some(&name)) {
+            Ok(entry) => {
+                let free = timeout_at(patience.end().into(), entry.open.clone().lock_owned()).await;
+                Some(free.map_err(|_| Refusal::busy())?)
+            }
+            Err(_) => None,
+        };
+        return service.delete(&name, open.as_deref_mut(), key);
+    };
     patience.set(ask.deadline_ms(), service.limits().max_deadline_ms)?;
     if let Ask::Create(request) = ask {
         return service.create(request, key);

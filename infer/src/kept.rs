@@ -18,7 +18,7 @@ const UNHURRIED: u64 = 3_600_000;
 /// The one session of this folder, or none yet.
 ///
 /// # Errors
-/// The folder is in use or cannot be read.
+/// The folder is in use, cannot be read, or holds several sessions.
 pub fn service(config: &SessionConfig, network: Option<Network>, folder: &Path) -> Result<Service> {
     let limits = ServiceConfig {
         deadline_ms: UNHURRIED,
@@ -29,7 +29,15 @@ pub fn service(config: &SessionConfig, network: Option<Network>, folder: &Path) 
         memory_mib: 1 << 20,
         ..ServiceConfig::default()
     };
-    Service::new(config.clone(), network, limits).keeping_state(folder)
+    let service = Service::new(config.clone(), network, limits).keeping_state(folder)?;
+    let names = service.names();
+    if names.len() > 1 {
+        bail!(
+            "the directory holds the sessions {}, and --session works on one: serve it with --serve --state {folder:?}, or give another directory",
+            names.join(", ")
+        );
+    }
+    Ok(service)
 }
 
 /// Lays these settings over the session and adds the scans of the command line, once all their files are read: what was added stays, whatever comes

@@ -13,6 +13,7 @@ use formats::FormatError;
 use formats::camera::CameraFile;
 use formats::cloud::{CloudFile, parse_cloud, read_cloud};
 use formats::depth::{DepthFile, parse_depth, read_depth, told_unit};
+use formats::poses::FilePose;
 use geometry::{Lens, PinholeCamera, Undistorted, undistort_depth};
 use nalgebra::{Isometry3, Point3};
 use organised::Organised;
@@ -184,6 +185,15 @@ pub struct DepthCamera {
     pub metres_per_unit: Option<f64>,
 }
 
+/// The camera of the depth images as the command line has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GivenCamera {
+    /// A calibration (`--camera`): of all images.
+    File(DepthCamera),
+    /// fx, fy, cx, cy in pixels (`--intrinsics`).
+    Intrinsics([f64; 4]),
+}
+
 impl From<CameraFile> for DepthCamera {
     fn from(CameraFile { size, intrinsics, lens, metres_per_unit }: CameraFile) -> Self {
         Self { intrinsics, lens, size, metres_per_unit }
@@ -261,29 +271,50 @@ pub fn depth(
     path: &Path,
     metres_per_unit: Option<f64>,
     pose: &str,
-    camera: Option<DepthCamera>,
+    given: Option<GivenCamera>,
     misses: NoReturn,
 ) -> Result<Loaded> {
     check_unit("--depth-unit", metres_per_unit)?;
-    let (world_from_camera, camera) = placed_camera(path, pose, camera)?;
+    let filed = poses::file_pose(pose)?;
+    let camera = camera_of(path, &filed, given)?;
     let file = read_depth(path, metres_per_unit.or(camera.metres_per_unit))?;
-    let mut loaded = from_depth_file(file, &camera, world_from_camera, misses).with_context(|| format!("{path:?}"))?;
+    let mut loaded =
+        from_depth_file(file, &camera, filed.world_from_camera, misses).with_context(|| format!("{path:?}"))?;
     loaded.reading.notes.extend(told_unit(path, metres_per_unit, camera.metres_per_unit, "--depth-unit"));
+    loaded.reading.notes.extend(other_intrinsics(&filed, &camera));
     Ok(loaded)
 }
 
-/// The pose of a depth image's camera, and the camera: as given, else as the file of the pose has it.
-pub fn placed_camera(path: &Path, pose: &str, camera: Option<DepthCamera>) -> Result<(Isometry3<f64>, DepthCamera)> {
+/// Said where the intrinsics used are not those of the file of the pose.
+fn other_intrinsics(filed: &FilePose, camera: &DepthCamera) -> Option<String> {
+    let (told, used) = (filed.intrinsics?, camera.intrinsics);
+    // Rounding is no difference.
+    let differ = told.iter().zip(&used).any(|(told, used)| (told - used).abs() > 0.1);
+    differ.then(|| format!("the pose file has the intrinsics {told:?}, but {used:?} were used as --intrinsics says"))
+}
+
+/// The pose of a depth image's camera, and the camera.
+pub fn placed_camera(path: &Path, pose: &str, given: Option<GivenCamera>) -> Result<(Isometry3<f64>, DepthCamera)> {
     let filed = poses::file_pose(pose)?;
-    let with = |intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: filed.size, metres_per_unit: None };
-    let Some(camera) = camera.or(filed.intrinsics.map(with)) else {
-        bail!(
+    Ok((filed.world_from_camera, camera_of(path, &filed, given)?))
+}
+
+/// The camera of a depth image: the file of the pose is of this image, that of the camera of all.
+fn camera_of(path: &Path, filed: &FilePose, given: Option<GivenCamera>) -> Result<DepthCamera> {
+    let plain = |intrinsics, size| DepthCamera { intrinsics, lens: Lens::Pinhole, size, metres_per_unit: None };
+    let camera = match (given, filed.intrinsics) {
+        (Some(GivenCamera::Intrinsics(intrinsics)), _) => plain(intrinsics, None),
+        (Some(GivenCamera::File(camera)), None) => camera,
+        (Some(GivenCamera::File(camera)), Some(intrinsics)) => {
+            DepthCamera { intrinsics, size: filed.size.or(camera.size), ..camera }
+        }
+        (None, Some(intrinsics)) => plain(intrinsics, filed.size),
+        (None, None) => bail!(
             "{path:?}: the camera is unknown: give --camera FILE, --intrinsics fx,fy,cx,cy, or \"intrinsics\" in the pose file"
-        );
+        ),
     };
-    // The file of the pose is of this image, that of the camera of all.
     let metres_per_unit = filed.metres_per_unit.or(camera.metres_per_unit);
-    Ok((filed.world_from_camera, DepthCamera { metres_per_unit, ..camera }))
+    Ok(DepthCamera { metres_per_unit, ..camera })
 }
 
 /// A cloud from a file with the pose of its camera: most of it must lie ahead, or it is in the camera's own frame, which the pose places.

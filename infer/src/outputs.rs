@@ -7,17 +7,19 @@ use std::path::{Path, PathBuf};
 /// Holds the files to write against those to read, and against each other.
 ///
 /// # Errors
-/// One that would be written over an input or over another output, or is a directory.
+/// One that would be written over an input or over another output, is a directory, or has the ending of another format.
 pub fn check(args: &Args) -> Result<()> {
     let mut taken: Vec<(&str, PathBuf)> = inputs(args).map(|(flag, path)| (flag, place(path))).collect();
-    let outputs = [
-        ("--report", &args.report),
-        ("--plan", &args.plan),
-        ("--mesh", &args.mesh),
-        ("--cloud", &args.cloud),
-        ("--ply", &args.ply),
+    let outputs: [(&str, &Option<PathBuf>, &[&str]); 5] = [
+        ("--report", &args.report, &[]),
+        // Its endings are those of [`crate::plan::check`].
+        ("--plan", &args.plan, &[]),
+        ("--mesh", &args.mesh, &["ply", "stl"]),
+        ("--cloud", &args.cloud, &["ply"]),
+        ("--ply", &args.ply, &[]),
     ];
-    for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
+    for (flag, path, endings) in outputs.into_iter().filter_map(|(flag, path, of)| Some((flag, path.as_ref()?, of))) {
+        check_ending(flag, path, endings)?;
         if path.is_dir() {
             bail!("{flag} {path:?}: a directory: name a file in it");
         }
@@ -28,6 +30,15 @@ pub fn check(args: &Args) -> Result<()> {
         taken.push((flag, place));
     }
     Ok(())
+}
+
+/// Refuses a name that says another format than is written; where none is named here, every name will do.
+fn check_ending(flag: &str, path: &Path, endings: &[&str]) -> Result<()> {
+    let found = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    if endings.is_empty() || endings.contains(&found.as_str()) {
+        return Ok(());
+    }
+    bail!("{flag} {path:?}: unknown extension .{found}, expected .{}", endings.join(" or ."))
 }
 
 /// The files that the command reads, with their flags.
@@ -100,5 +111,22 @@ mod tests {
         }
         assert_eq!(refused("infer --object procedural:3", "--mesh"), Ok(()));
         assert_eq!(refused("infer --depth d.png --pose 0,0,0,0,0,0,1", "--mesh"), Ok(()));
+    }
+
+    #[test]
+    fn a_name_of_another_format_is_refused() {
+        let checked = |words: &str| {
+            let words = ["infer", "--scan", "a.ply"].into_iter().chain(words.split(' ')).map(OsString::from);
+            check(&Args::from_command_line(words).expect("flags")).map_err(|error| error.to_string())
+        };
+        for (words, expected) in [
+            ("--cloud c.xyz", "--cloud \"c.xyz\": unknown extension .xyz, expected .ply"),
+            ("--cloud c", "expected .ply"),
+            ("--mesh m.obj", "--mesh \"m.obj\": unknown extension .obj, expected .ply or .stl"),
+        ] {
+            let error = checked(words).expect_err(words);
+            assert!(error.contains(expected), "{words}: {error}");
+        }
+        assert_eq!(checked("--cloud c.PLY --mesh m.stl --ply views --report page.htm"), Ok(()));
     }
 }

@@ -1,7 +1,7 @@
 //! The program `infer`: the next view for a real scan.
 
 use crate::args::Args;
-use crate::load::{self, DepthCamera, Loaded};
+use crate::load::{self, GivenCamera, Loaded};
 use crate::report::{ReportInput, report_html};
 use crate::service::{self, Asks, ServeConfig, Service};
 use crate::{check, frustums, http, kept, lines, outputs, plan, simulate, weights};
@@ -10,7 +10,6 @@ use formats::Flag;
 use formats::camera::read_camera;
 use formats::program::{CommonArgs, STOPPED, finish, misuse, print, print_line, stop_when_asked};
 use formats::urdf::{UrdfArm, read_urdf};
-use geometry::Lens;
 use nalgebra::Isometry3;
 use planning::pose::Pose;
 use planning::registration::Register;
@@ -233,11 +232,10 @@ fn robot(args: &Args) -> Result<Vec<Option<Flag>>> {
 }
 
 /// The camera of the depth images, as far as the command line describes it.
-pub(crate) fn depth_camera(args: &Args) -> Result<Option<DepthCamera>> {
-    let plain = |intrinsics| DepthCamera { intrinsics, lens: Lens::Pinhole, size: None, metres_per_unit: None };
+pub(crate) fn depth_camera(args: &Args) -> Result<Option<GivenCamera>> {
     match &args.camera {
-        Some(file) => Ok(Some(read_camera(file)?.into())),
-        None => Ok(args.intrinsics.map(plain)),
+        Some(file) => Ok(Some(GivenCamera::File(read_camera(file)?.into()))),
+        None => Ok(args.intrinsics.map(GivenCamera::Intrinsics)),
     }
 }
 
@@ -292,7 +290,7 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
     write_files(args, object, &outcome.session, &outcome.last, &coverage)?;
     if let Some(directory) = &args.export_scans {
         let camera = outcome.session.config().camera.camera();
-        let commands = simulate::export_scans(directory, object, &outcome, &camera)?;
+        let commands = simulate::export_scans(directory, args, &outcome, &camera)?;
         print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?;
     }
     Ok(if outcome.stopped { ExitCode::from(STOPPED) } else { ExitCode::SUCCESS })

@@ -136,6 +136,12 @@ struct Sessions {
     answers: Answers,
 }
 
+impl Sessions {
+    fn names(&self) -> Vec<String> {
+        self.open.keys().map(u64::to_string).collect()
+    }
+}
+
 /// All sessions.
 pub struct Service {
     config: SessionConfig,
@@ -244,7 +250,6 @@ impl Service {
     /// The open sessions.
     pub fn list(&self) -> Result<Reply, Refusal> {
         let sessions = lock(&self.sessions);
-        let names: Vec<String> = sessions.open.keys().map(u64::to_string).collect();
         let show = |(id, entry): (&u64, &Arc<Entry>)| {
             json!({
                 "session": id.to_string(), "scans": entry.scans.load(Ordering::Relaxed),
@@ -252,7 +257,12 @@ impl Service {
             })
         };
         let open: Vec<_> = sessions.open.iter().map(show).collect();
-        Reply::of(&json!({ "sessions": names, "open": open }))
+        Reply::of(&json!({ "sessions": sessions.names(), "open": open }))
+    }
+
+    /// Names of the open sessions, in the order in which they were opened.
+    pub fn names(&self) -> Vec<String> {
+        lock(&self.sessions).names()
     }
 
     /// A new session.
@@ -306,17 +316,18 @@ impl Service {
         sessions.open.values().next().cloned().ok_or_else(Refusal::internal)
     }
 
-    /// Ends a session; who works on it ends his request first.
+    /// Ends a session, whose lock the caller holds: who worked on it has ended his request, and who waits for it finds it gone.
+    /// `open` is none where there is no such session: then the request may be one that was answered before.
     ///
     /// # Errors
-    /// There is none of this name.
-    pub fn delete(&self, name: &str, key: Option<Key>) -> Result<Reply, Refusal> {
+    /// There is none of this name, or it cannot be removed from disk.
+    pub fn delete(&self, name: &str, open: Option<&mut Open>, key: Option<Key>) -> Result<Reply, Refusal> {
         let mut sessions = lock(&self.sessions);
         if let Some(known) = sessions.answers.find(key.as_ref()) {
             return known;
         }
-        let known = name.parse().ok().filter(|id| sessions.open.contains_key(id)).ok_or_else(|| unknown(name));
-        let answer = known.and_then(|id: u64| {
+        let id = name.parse::<u64>().ok().filter(|id| sessions.open.contains_key(id));
+        let answer = id.zip(open).ok_or_else(|| unknown(name)).and_then(|(id, open)| {
             let reply = Reply::of(&json!({ "deleted": name }))?;
             match (&self.store, &key) {
                 (Some(store), Some(key)) => {
@@ -327,6 +338,7 @@ impl Service {
                 (Some(store), None) => store.remove(id)?,
                 (None, _) => {}
             }
+            open.end();
             sessions.open.remove(&id);
             self.count.store(sessions.open.len(), Ordering::Relaxed);
             Ok(reply)
@@ -352,3 +364,6 @@ fn unknown(name: &str) -> Refusal {
     let shown: String = name.chars().take(40).collect();
     Refusal::new(404, "unknown_session", format!("there is no session {shown:?}"))
 }
+
+#[cfg(test)]
+mod tests;

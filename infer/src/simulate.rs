@@ -64,6 +64,8 @@ pub struct Outcome {
     pub ended: String,
     /// Whether that is because it was asked to.
     pub stopped: bool,
+    /// What was scanned: the object, and the table if it stands on one.
+    pub scene: Scene,
     /// What a cell with limits lets the camera see; `None` without limits.
     pub within_reach: Option<WithinReach>,
 }
@@ -168,7 +170,7 @@ pub fn run(
         }
     };
     let within_reach = cell::within_reach(&scene, &samples, &setting, &session, &episode.cloud.points);
-    Ok(Outcome { session, last, steps, ended, stopped, within_reach })
+    Ok(Outcome { session, last, steps, ended, stopped, scene, within_reach })
 }
 
 fn view(candidate: &Candidate) -> View {
@@ -197,14 +199,14 @@ fn object_mesh(object: &str) -> Result<Mesh> {
 
 /// Writes what the loop saw first, for `infer` to start from: two clouds with their camera positions beside them in
 /// the printed command, and the third view as a depth image with a pose file.
-pub fn export_scans(directory: &Path, object: &str, outcome: &Outcome, camera: &PinholeCamera) -> Result<String> {
+pub fn export_scans(directory: &Path, args: &Args, outcome: &Outcome, camera: &PinholeCamera) -> Result<String> {
     if outcome.steps.len() < 3 {
+        let object = args.object.as_deref().unwrap_or_default();
         bail!("{object}: {} scans were taken, three are needed for --export-scans", outcome.steps.len());
     }
     std::fs::create_dir_all(directory).with_context(|| format!("cannot make {directory:?}"))?;
-    let scene = Scene::new(object_mesh(object)?.normalized(DIAGONAL));
     let taken_from = |step: &Step| rigid(&step.world_from_camera.matrix).map_err(anyhow::Error::msg);
-    let shot = |pose: &Isometry3<f64>| scene.depth_image(camera, pose, &RenderConfig::default());
+    let shot = |pose: &Isometry3<f64>| outcome.scene.depth_image(camera, pose, &RenderConfig::default());
     let mut scans = Vec::new();
     let mut positions = Vec::new();
     for (i, step) in outcome.steps[..2].iter().enumerate() {
@@ -213,7 +215,7 @@ pub fn export_scans(directory: &Path, object: &str, outcome: &Outcome, camera: &
         let cloud = PointCloud { points: shot(&pose).to_points(camera, &pose), normals: Vec::new() };
         formats::cloud::write_ply(&path, &cloud)?;
         let p = pose.translation.vector;
-        scans.push(path.display().to_string());
+        scans.push(quoted(&path));
         positions.push(format!("{:.4},{:.4},{:.4}", p.x, p.y, p.z));
     }
     let (pose, _) = taken_from(&outcome.steps[2])?;
@@ -225,11 +227,35 @@ pub fn export_scans(directory: &Path, object: &str, outcome: &Outcome, camera: &
         intrinsics: Some([camera.fx, camera.fy, camera.cx, camera.cy]),
     };
     formats::run::atomic_write(&pose_file, format!("{}\n", serde_json::to_string_pretty(&content)?).as_bytes())?;
+    let alike = planned_alike(args);
     Ok(format!(
-        "infer --scan {} --from {}\ninfer --depth {} --pose {} --misses free",
+        "infer --scan {} --from {}{alike}\ninfer --depth {} --pose {} --misses free{alike}",
         scans.join(" "),
         positions.join(" "),
-        image.display(),
-        pose_file.display()
+        quoted(&image),
+        quoted(&pose_file)
     ))
+}
+
+/// The flags of the loop that count for planning on its scans too, each with a blank before it.
+fn planned_alike(args: &Args) -> String {
+    let distance = match args.distance {
+        Some((low, high)) if low == high => format!(" --distance {low}"),
+        Some((low, high)) => format!(" --distance {low}..{high}"),
+        None => String::new(),
+    };
+    let support = match args.support {
+        Some(Support::Auto) => " --support auto",
+        Some(Support::None) => " --support none",
+        // A plane is refused with --object.
+        Some(Support::Plane(_)) | None => "",
+    };
+    distance + support
+}
+
+/// A path as a shell takes it for one word.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "-_./:,+=@%".contains(c) || cfg!(windows) && c == '\\';
+    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }

@@ -167,3 +167,28 @@ fn a_session_keeps_images_as_they_came_and_undistorts_them_alike() {
     );
     assert!(far["warnings"].to_string().contains("points outside the sensor's range"), "{far}");
 }
+
+#[cfg(unix)]
+#[test]
+fn scans_of_the_loop_show_the_table_that_it_saw_and_are_planned_on_alike() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let written = |name: &str, more: &[&str]| {
+        let scans = folder.path().join(name).display().to_string();
+        let made = infer(&[&["--object", "procedural:3", "--views", "2", "--export-scans", &scans][..], more].concat());
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        let cloud = formats::cloud::read_cloud(&Path::new(&scans).join("scan1.ply")).expect("a cloud").cloud;
+        let width = |k: usize| {
+            let along = || cloud.points.iter().map(move |p| p[k]);
+            along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+        };
+        (width(0).max(width(1)), String::from_utf8_lossy(&made.stdout).into_owned(), scans)
+    };
+    let (alone, commands, scans) = written("floating", &[]);
+    assert!(alone < 0.21, "an object of 0.2 m is {alone} m wide");
+    assert!(commands.contains(&format!("--pose {scans}/depth3.json --misses free\n")), "{commands}");
+    let (on_table, commands, scans) = written("on a table", &["--support", "auto", "--distance", "0.9"]);
+    assert!(on_table > 0.25, "a table of 0.3 m is {on_table} m wide");
+    assert!(commands.contains(&format!("--scan '{scans}/scan1.ply' '{scans}/scan2.ply' --from ")), "{commands}");
+    let alike = format!("--pose '{scans}/depth3.json' --misses free --distance 0.9 --support auto\n");
+    assert!(commands.contains(&alike), "{commands}");
+}

@@ -154,3 +154,21 @@ fn a_scan_larger_than_is_allowed_now_is_not_called_damaged() {
     let server = kept.restart(server, &["--set", &format!("service.body_mib={enough}")]);
     assert_eq!(server.ask("POST", "/sessions/1/next", "").0, 200);
 }
+
+#[test]
+fn a_command_does_not_choose_among_several_sessions() {
+    let kept = Kept::new();
+    let mut server = kept.start(&[]);
+    for _ in 0..2 {
+        server.session();
+    }
+    server.process.kill().expect("SIGKILL");
+    server.process.wait().expect("gone");
+    let folder = kept.folder();
+    let output = Command::new(env!("CARGO_BIN_EXE_infer")).args(["--session", &folder]).output().expect("runs");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{told}");
+    for part in [folder.as_str(), "the sessions 1, 2,", "--serve --state", "another directory"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+}

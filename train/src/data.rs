@@ -3,19 +3,15 @@
 mod leaks;
 
 use crate::TrainError;
-use formats::frame_history::Frame;
+use datagen::history::to_samples;
+use datagen::output::{OutputKind, outputs};
 use formats::{Manifest, ObjectRecord, ObjectStatus, Sample, ShardReader, Split};
-use geometry::density::densities;
 use geometry::rng::stream;
 use leaks::Named;
-use planning::CandidateView;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Neighbours that the density is taken over (docs/method.md, 'Network input and output').
-const DENSITY_NEIGHBORS: usize = 30;
 
 /// What stands before the digest of the samples in a set's name.
 pub(crate) const CONTENTS: &str = ", contents ";
@@ -64,7 +60,8 @@ impl Dataset {
     /// Unreadable or damaged files; an incomplete set; a shard of another set; fewer than two objects; not one sample that
     /// can be used.
     pub fn open(path: &Path, fraction: f64, seed: u64) -> Result<Dataset, TrainError> {
-        if path.join(formats::manifest::MANIFEST).exists() {
+        // One that was begun, too: that it is not finished is said there.
+        if outputs(path).iter().any(|(kind, _)| *kind == OutputKind::DataSet) {
             Self::open_shards(path, fraction, seed)
         } else {
             Self::open_frames(path, fraction, seed)
@@ -161,9 +158,7 @@ impl Dataset {
         for file in &files {
             let object = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let frames = formats::frame_history::read_frame_history(file)?;
-            objects.push(Source::Frames(
-                frames.into_iter().enumerate().map(|(i, f)| frame_sample(&object, i, f)).collect(),
-            ));
+            objects.push(Source::Frames(to_samples(&object, &frames)));
         }
         let held = held_out(objects.len(), fraction, seed);
         let (mut train, mut validation, mut named) = (Vec::new(), Vec::new(), Vec::new());
@@ -196,7 +191,7 @@ impl Dataset {
                 let problem = format!("no {what} samples in {} objects", set.sources.len());
                 return Err(unfit(path, problem, "make a set of at least two usable objects with `datagen`"));
             }
-            let looked = list.par_iter().map(|place| set.sample(*place).map(|s| (check(&s).err(), mark(&s))));
+            let looked = list.par_iter().map(|place| set.look(*place));
             let looked: Vec<(Option<String>, String)> = looked.collect::<Result<_, TrainError>>()?;
             let (problems, own): (Vec<Option<String>>, Vec<String>) = looked.into_iter().unzip();
             marks.extend(own);
@@ -240,6 +235,13 @@ impl Dataset {
         self.sample(self.validation[i])
     }
 
+    /// Why a sample cannot be trained on, and its mark.
+    fn look(&self, place: Place) -> Result<(Option<String>, String), TrainError> {
+        let sample = self.sample(place)?;
+        let frames = matches!(self.sources[place.source], Source::Frames(_));
+        Ok((check(&sample).err(), mark(&sample, frames)))
+    }
+
     fn sample(&self, place: Place) -> Result<Sample, TrainError> {
         Ok(match &self.sources[place.source] {
             Source::Shard(reader) => reader.sample(place.index)?,
@@ -249,11 +251,14 @@ impl Dataset {
 }
 
 /// Tells a sample from others by what follows from all the rest: its views and their scores. Not by its file, where the commit
-/// that made it stands as well.
-fn mark(sample: &Sample) -> String {
+/// that made it stands as well. In a frame history, whose views need not follow from its cameras, these count too.
+fn mark(sample: &Sample, frames: bool) -> String {
     let views = sample.candidates.iter().map(|c| &c.view);
     let places = views.flat_map(|view| view.target.iter().chain(view.position.iter()).copied());
     let numbers = places.chain(sample.scores.iter().copied()).chain([sample.cloud.len() as f64]);
+    let cameras = sample.cameras.iter().filter(|_| frames);
+    let poses = cameras.flat_map(|pose| pose.translation.vector.iter().chain(pose.rotation.coords.iter()).copied());
+    let numbers = numbers.chain(poses);
     formats::config::digest(&numbers.flat_map(f64::to_le_bytes).collect::<Vec<u8>>())
 }
 
@@ -272,27 +277,6 @@ pub fn check(sample: &Sample) -> Result<(), String> {
 
 fn unfit(path: &Path, problem: String, way_out: &str) -> TrainError {
     TrainError::Data { path: path.to_path_buf(), problem, way_out: way_out.into() }
-}
-
-/// A decision of the authors' files. They keep no density: it is taken on the whole cloud, as in planning.
-fn frame_sample(object: &str, index: usize, frame: Frame) -> Sample {
-    let targets: Vec<_> = frame.candidates.iter().map(|v| v.target).collect();
-    let density = densities(&frame.cloud.points, &targets, DENSITY_NEIGHBORS);
-    let candidates: Vec<CandidateView> =
-        frame.candidates.iter().zip(density).map(|(&view, density)| CandidateView { view, density }).collect();
-    let unknown = vec![f64::NAN; candidates.len()];
-    Sample {
-        object: object.to_string(),
-        scan_index: index,
-        working_distance: (frame.current.position - frame.current.target).norm(),
-        cloud: frame.cloud,
-        candidates,
-        coverage: unknown.clone(),
-        overlap: unknown,
-        scores: frame.scores,
-        current_coverage: f64::NAN,
-        cameras: Vec::new(),
-    }
 }
 
 /// The newest complete set in `base` that has objects to train on: a test half has none.

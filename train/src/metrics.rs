@@ -1,5 +1,6 @@
 //! Whether the policy gets better: how well predicted scores order the candidates, and what the choice costs.
 
+use crate::watch::null_as_nan;
 use geometry::rank_correlation::rank_correlation;
 use serde::{Deserialize, Serialize};
 
@@ -10,14 +11,19 @@ pub struct RankingMetrics {
     /// Decisions counted.
     pub decisions: usize,
     /// Spearman's rank correlation of predicted and true scores, over decisions where it exists.
+    #[serde(deserialize_with = "null_as_nan")]
     pub rank_correlation: f64,
     /// Best true score minus true score of the candidate predicted best.
+    #[serde(deserialize_with = "null_as_nan")]
     pub regret: f64,
     /// The same for a candidate drawn at random: best minus mean.
+    #[serde(deserialize_with = "null_as_nan")]
     pub random_regret: f64,
     /// Share of decisions whose chosen candidate is the best one.
+    #[serde(deserialize_with = "null_as_nan")]
     pub hit_rate: f64,
     /// The same for a candidate drawn at random.
+    #[serde(deserialize_with = "null_as_nan")]
     pub random_hit_rate: f64,
 }
 

@@ -150,6 +150,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
         state.epoch += 1;
         (state.step_in_epoch, state.loss_sum, state.loss_samples) = (0, 0.0, 0);
         state.schedule = schedule.state();
+        watch.flush_records()?;
         checkpoint::save(&latest, &learner, &info, &state)?;
         if state.stopped {
             let text = format!("no lower regret in {} epochs: stopped early", config.validation.patience);
@@ -157,6 +158,7 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run) -> Result<Outco
         }
     }
     if !finished {
+        watch.flush_records()?;
         checkpoint::save(&latest, &learner, &quality::described(&info, state.step), &state)?;
         watch.message(state.step, format!("stopped at step {}; --resume continues from there", state.step))?;
     }
@@ -189,7 +191,8 @@ fn train_epoch<T: Task>(
         let workers = worker_count(config.loader.workers);
         let mut loader =
             Loader::start(scope, task, state.epoch, &plan, state.step_in_epoch, workers, config.loader.ready);
-        let save = |learner: &Learner<T::Net>, state: &TrainingState| {
+        let save = |watch: &mut Watch, learner: &Learner<T::Net>, state: &TrainingState| {
+            watch.flush_records()?;
             checkpoint::save(&latest, learner, &quality::described(info, state.step), state)
         };
         let every = config.checkpoint.every_steps;
@@ -231,7 +234,7 @@ fn train_epoch<T: Task>(
             }
             // What was learnt so far is sound, whatever became of the data.
             if let Some(error) = failed {
-                save(learner, state)?;
+                save(watch, learner, state)?;
                 return Err(error);
             }
             if stopped {
@@ -239,7 +242,7 @@ fn train_epoch<T: Task>(
             }
             if due(state.step) && state.skipped_in_row == 0 {
                 last_save = state.step;
-                save(learner, state)?;
+                save(watch, learner, state)?;
             }
         }
         Ok(Some(rate))

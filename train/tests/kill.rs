@@ -26,6 +26,9 @@ fn wrong_use_is_explained() {
     assert!(say(&["--batch", "0"]).contains("setting batch = 0: expected at least 1"));
     assert!(say(&["--device", "abacus", "--data", "."]).contains("abacus"));
     assert!(say(&["--data", "."]).contains("no data in it"));
+    std::fs::create_dir_all(tmp.path().join("begun/shards")).expect("made");
+    let text = say(&["--data", "begun"]);
+    assert!(text.contains("no manifest.json") && text.contains("run the same `datagen` command again"), "{text}");
     assert!(say(&["--network", "pc-nbv", "--data", "."]).contains("generates its own data"));
     let text = say(&["--network", "pc-nbv", "--set", "pc_nbv.points=16"]);
     assert!(

@@ -126,3 +126,28 @@ fn an_epoch_in_which_nothing_was_learnt_ends_the_run() {
         }
     }
 }
+
+/// A run that is killed at any moment has in its log the steps that its checkpoint holds.
+#[test]
+fn the_log_has_every_step_of_a_checkpoint() {
+    let _turn = one_at_a_time();
+    let tmp = tempfile::tempdir().expect("temp dir");
+    let (data, dir) = (tmp.path().join("data"), tmp.path().join("run"));
+    plain_set(&data, 9, 2); // 36 samples, 5 steps an epoch
+    let mut config = tiny_config();
+    config.epochs = 1;
+    config.checkpoint.every_steps = 2;
+    let set = Dataset::open(&data, config.validation.fraction, config.seed).expect("a set");
+    let saved = std::cell::Cell::new(0);
+    let stop = |_: u64| {
+        if let Ok(state) = train::checkpoint::load_state(&dir.join("latest")) {
+            let log = std::fs::read_to_string(dir.join("log.jsonl")).expect("a log");
+            assert!(log.matches("\"kind\":\"step\"").count() as u64 >= state.step, "{} steps: {log}", state.step);
+            saved.set(saved.get().max(state.step));
+        }
+        false
+    };
+    let run = Run { dir: &dir, resume: false, quiet: true, stop: &stop, provenance: BTreeMap::new() };
+    train::train(&BenbvTask::new(&config, &set), &config, &run).expect("trained");
+    assert!(saved.get() >= 2, "no save was seen");
+}

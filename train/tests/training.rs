@@ -234,11 +234,22 @@ fn an_independently_written_frame_history_is_data() {
         let sample = set.train_sample(i).expect("read");
         sizes.push(sample.cloud.len());
         assert_eq!(sample.scores.len(), 20);
+        assert_eq!(
+            sample.cameras.len(),
+            sample.scan_index + 1,
+            "the cameras of all scans so far, as in an imported set"
+        );
         let best = |scores: &[f64]| (0..20).max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
         assert_eq!(best(&sample.scores), best(&frames[sample.scan_index].scores));
     }
     sizes.sort_unstable();
     assert_eq!(sizes, [61, 70, 83]);
+    // Another camera is other data.
+    let mut moved = frames;
+    moved[0].current.position.x += 0.1;
+    write_frame_history(&tmp.path().join("a.bin"), &moved).expect("written");
+    let other = Dataset::open(tmp.path(), 0.5, 1).expect("opened");
+    assert_ne!(other.name(), set.name());
 }
 
 #[test]

@@ -1,5 +1,4 @@
 use super::*;
-use crate::dataset::DatasetName;
 use std::path::{Path, PathBuf};
 
 fn shipped(name: &str) -> PathBuf {
@@ -63,4 +62,21 @@ fn values_that_cannot_be_meant_are_refused() {
     assert!(config.validate().unwrap_err().to_string().contains("episode.image.width = 1000000"));
     let config = DatagenConfig { validation_share: 1.0, ..Default::default() };
     assert!(config.validate().unwrap_err().to_string().contains("validation_share = 1"));
+    let mut config = DatagenConfig::default();
+    config.candidates.tilts_deg = vec![0.0, f64::NAN];
+    assert!(config.validate().unwrap_err().to_string().contains("candidates.tilts_deg = NaN"));
+}
+
+#[test]
+fn a_folder_has_no_test_half() {
+    let mut config = DatagenConfig::default();
+    config.dataset.name = DatasetName::Folder;
+    config.validate().unwrap();
+    config.dataset.split = Some(SplitChoice::Train);
+    config.validate().unwrap();
+    config.dataset.split = Some(SplitChoice::Test);
+    let text = config.validate().unwrap_err().to_string();
+    assert!(text.starts_with("dataset.split = test: ") && text.contains("evaluate --dataset folder --root"), "{text}");
+    config.dataset.name = DatasetName::ModelNet40;
+    config.validate().unwrap();
 }

@@ -1,5 +1,7 @@
 //! Settings of an episode.
 
+mod sensor;
+
 use crate::config::check_counts;
 use crate::pose_error::PoseErrorConfig;
 use crate::registration::EpisodeRegistration;
@@ -141,6 +143,8 @@ impl EpisodeConfig {
                 "a share from 0 to 1",
             ));
         }
+        sensor::check_render(&self.render)?;
+        self.pose_error.as_ref().map_or(Ok(()), sensor::check_pose_error)?;
         if let Some(registration) = &self.registration {
             registration.validate()?;
             if self.pose_error.is_some() {

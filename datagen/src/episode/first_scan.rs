@@ -4,7 +4,7 @@ use super::{EpisodeConfig, VoidEpisode};
 use crate::world::{ScanCamera, World};
 use geometry::View;
 use nalgebra::{Point3, Vector3};
-use planning::Session;
+use planning::{Accumulate, Session};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -15,7 +15,7 @@ pub(super) fn first_scan(
     config: &EpisodeConfig,
     rng: &mut ChaCha8Rng,
 ) -> Result<(View, usize), VoidEpisode> {
-    let (mut most_points, mut best_coverage, mut ruled_out) = (0, 0f64, None);
+    let (mut most_points, mut best_coverage, mut ruled_out, mut crowded) = (0, 0f64, None, None);
     for void_draws in 0..config.max_draws {
         let view = match first_in_reach(&world.session, config, rng) {
             Ok(view) => view,
@@ -35,8 +35,14 @@ pub(super) fn first_scan(
             continue;
         }
         best_coverage = best_coverage.max(world.covered);
-        // As published: a scan with more points than the reference is void too; those of a table do not count.
-        let too_many = world.session.support().is_none() && points > world.reference().len();
+        // As published: a scan with more points than the reference is void too, where it is matched with it; those of a table
+        // do not count.
+        let too_many = config.accumulate == Accumulate::Matched
+            && world.session.support().is_none()
+            && points > world.reference().len();
+        if too_many {
+            crowded = Some((points, world.reference().len()));
+        }
         if world.covered < config.min_first_coverage || too_many {
             continue;
         }
@@ -49,6 +55,7 @@ pub(super) fn first_scan(
         coverage: best_coverage,
         min_coverage: config.min_first_coverage,
         ruled_out,
+        crowded,
     })
 }
 

@@ -127,6 +127,19 @@ fn an_object_that_is_not_seen_is_void_and_says_so() {
 }
 
 #[test]
+fn more_points_than_the_reference_are_void_as_published_alone() {
+    let (scene, samples) = (Scene::new(ball()), ball_samples());
+    // So near that pixels are closer together than the samples.
+    let near = |config| EpisodeConfig { num_views: 1, max_draws: 3, working_distance_m: 0.18, ..config };
+    let run =
+        |config: &EpisodeConfig| run_episode(&scene, &samples, &mut Fixed(vec![]), config, &mut stream(6, "episode"));
+    let episode = run(&near(EpisodeConfig::default())).unwrap();
+    assert!(episode.scan_points[0] > episode.num_reference && episode.coverages[0] > 0.05, "{:?}", episode.coverages);
+    let text = run(&near(EpisodeConfig::paper())).expect_err("void").to_string();
+    assert!(text.contains("more points than the reference") && text.contains("raise surface_samples"), "{text}");
+}
+
+#[test]
 fn configurations_refuse_unknown_keys() {
     let text = toml::to_string(&EpisodeConfig::paper()).unwrap();
     assert_eq!(toml::from_str::<EpisodeConfig>(&text).unwrap(), EpisodeConfig::paper());

@@ -185,3 +185,22 @@ fn what_failed_on_other_weights_or_files_is_tried_again() {
     built_in.forget_skipped_on_other_files(&BTreeMap::from([("a", None)]));
     assert_eq!(left(&built_in), [0], "without weights and files nothing changed");
 }
+
+#[test]
+fn text_stays_text_and_older_numbers_are_read() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let (journal, _) = open(dir.path(), "h1").expect("new");
+    let Entry::Episode { mut record, timing } = entry(0) else { panic!("an episode") };
+    record.key.object = "f64:1.5".to_owned();
+    journal.append(&Entry::Episode { record: record.clone(), timing }).expect("written");
+    drop(journal);
+    assert_eq!(read(dir.path()).expect("readable").episodes[0].0, record);
+    let path = dir.path().join(JOURNAL);
+    let text = std::fs::read_to_string(&path).expect("readable");
+    let (first, line) = text.trim_end().split_once('\n').expect("lines");
+    let object = opened(line).expect("sound");
+    let older = object.replace("0.3333333333333333", "\"f64:0.3333333333333333\"");
+    assert!(object != older, "a number of the record: {object}");
+    std::fs::write(&path, format!("{first}\n{}\n", sealed(&older))).expect("writable");
+    assert_eq!(read(dir.path()).expect("of an older program").episodes[0].0, record);
+}

@@ -6,7 +6,7 @@ use super::table::{Table, number, range};
 use crate::bootstrap::{ResampleUnit, efficiency_ratio};
 use crate::config::EvaluateConfig;
 use crate::metrics::{Figure, Runs, efficiency};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Runs that cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -73,10 +73,34 @@ fn unpaired_seeds(folders: &[Folder]) -> Option<Vec<u64>> {
     seeds.filter(|seeds| !recorded && seeds.iter().any(|seed| *seed != seeds[0]))
 }
 
-/// What a reader must know before the tables, a sentence each: runs that are unfinished, and seeds that differ.
+/// That a policy's means in these folders are over other objects or episodes; of the first such policy.
+fn unlike_means(folders: &[Folder]) -> Option<String> {
+    policies(folders).iter().find_map(|policy| {
+        let episodes_of = |folder: &Folder| -> BTreeSet<(String, usize)> {
+            runs(folder, policy).records().map(|r| (r.key.object.clone(), r.key.episode)).collect()
+        };
+        let each: Vec<_> = folders.iter().map(|f| (f, episodes_of(f))).filter(|(_, e)| !e.is_empty()).collect();
+        if each.iter().all(|(_, episodes)| *episodes == each[0].1) {
+            return None;
+        }
+        let count = |(folder, episodes): &(&Folder, BTreeSet<(String, usize)>)| {
+            let objects: BTreeSet<&str> = episodes.iter().map(|(object, _)| object.as_str()).collect();
+            format!("{}: episodes {}, objects {}", folder.name, episodes.len(), objects.len())
+        };
+        let counts: Vec<String> = each.iter().map(count).collect();
+        Some(format!(
+            "The objects or episodes differ ({policy} in {}): means are over those of each directory, and only ratios are over \
+             those that both have.",
+            counts.join("; ")
+        ))
+    })
+}
+
+/// What a reader must know before the tables, a sentence each: runs that are unfinished, episodes and seeds that differ.
 pub fn notes(folders: &[Folder]) -> Vec<String> {
     let unfinished = |f: &Folder| f.unfinished.as_ref().map(|text| format!("{}: {text}.", f.name));
     let mut notes: Vec<String> = folders.iter().filter_map(unfinished).collect();
+    notes.extend(unlike_means(folders));
     notes.extend(unpaired_seeds(folders).map(|seeds| {
         let each: Vec<String> = folders.iter().zip(seeds).map(|(f, seed)| format!("{}: {seed}", f.name)).collect();
         format!(
@@ -219,6 +243,22 @@ mod tests {
         assert_eq!(unpaired_seeds(&recorded), None, "they start with the same scans");
         let error = check(&[folder("s", 0.9, 0, "folder"), folder("r", 0.9, 0, "sequences")]).expect_err("unlike");
         assert_eq!(error, Unlike::Kinds { simulated: "s".to_owned(), recorded: "r".to_owned() });
+    }
+
+    #[test]
+    fn means_over_other_episodes_are_noted() {
+        let mut folders = [folder("plain", 0.95, 0, "folder"), folder("short", 0.95, 0, "folder")];
+        folders[1].contents.episodes.retain(|(r, _)| r.key.policy != "see");
+        assert_eq!(notes(&folders), [""; 0], "a policy that only one has");
+        folders[1].contents.episodes.retain(|(r, _)| r.key.episode == 0);
+        let found = notes(&folders);
+        assert!(
+            found[0].contains("(benbv in plain: episodes 2, objects 1; short: episodes 1, objects 1)"),
+            "{found:?}"
+        );
+        let mut folders = [folder("plain", 0.95, 0, "folder"), folder("other", 0.95, 0, "folder")];
+        folders[1].contents.episodes.iter_mut().for_each(|(r, _)| "b".clone_into(&mut r.key.object));
+        assert_eq!(notes(&folders).len(), 1, "as many episodes of another object");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::journal::{self, Contents, JournalError};
 use formats::ConfigError;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A folder of results.
 pub struct Folder {
@@ -72,6 +72,30 @@ pub enum FolderError {
     File(#[from] ConfigError),
 }
 
+/// The results in these folders, under names that tell them apart.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Folder>, FolderError> {
+    names(paths).into_iter().zip(paths).map(|(name, path)| Ok(Folder { name, ..read(path)? })).collect()
+}
+
+/// The last part of each path, and as much before it as tells it from the others.
+fn names(paths: &[PathBuf]) -> Vec<String> {
+    fn last(path: &Path, parts: usize) -> PathBuf {
+        path.components().skip(path.components().count().saturating_sub(parts)).collect()
+    }
+    let name = |path: &PathBuf| {
+        let alone = |parts: &usize| {
+            let mut others = paths.iter().filter(|other| *other != path);
+            others.all(|other| last(other, *parts) != last(path, *parts))
+        };
+        let all = path.components().count();
+        last(path, (1..all).find(alone).unwrap_or(all)).to_string_lossy().into_owned()
+    };
+    paths.iter().map(name).collect()
+}
+
 /// The results in this folder.
 ///
 /// # Errors
@@ -117,6 +141,20 @@ mod tests {
         assert_eq!(stopped.as_deref(), Some("unfinished: 3 of 4 episodes left"));
         assert_eq!(of(true, "stopped; the same command resumes").as_deref(), Some("unfinished: episodes left"));
         assert!(of(false, "").is_some_and(|text| text.contains("killed")));
+    }
+
+    #[test]
+    fn names_tell_folders_apart() {
+        let of = |paths: &[&str]| names(&paths.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(of(&["runs/x/near/", "runs/far"]), ["near", "far"]);
+        assert_eq!(of(&["runs/x/near", "runs/y/near", "far"]), ["x/near", "y/near", "far"]);
+        assert_eq!(of(&["near", "x/near"]), ["near", "x/near"]);
+        assert_eq!(of(&["x/near", "x/near"]), ["near", "near"], "one and the same");
+        let directory = tempfile::tempdir().expect("dir");
+        let paths = ["x/near", "y/near"].map(|path| directory.path().join(path));
+        paths.iter().for_each(|path| drop(journal::Journal::open(path, "h", "h").expect("a journal")));
+        let names: Vec<String> = read_all(&paths).expect("folders").into_iter().map(|f| f.name).collect();
+        assert_eq!(names, ["x/near", "y/near"]);
     }
 
     #[test]

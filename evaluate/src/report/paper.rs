@@ -108,6 +108,16 @@ fn deviation(column: &Column) -> Option<f64> {
     (column.0.len() == 1).then(|| column.standard_error().map(|se| se * n.sqrt()))?
 }
 
+/// A difference in standard errors. Where there is none, as of episodes that are all alike, only equality says anything.
+fn in_errors(difference: f64, error: f64) -> Option<f64> {
+    // What rounding leaves of nothing.
+    const NOTHING: f64 = 1e-9;
+    match error > NOTHING {
+        true => Some(difference / error),
+        false => (difference <= NOTHING).then_some(0.0),
+    }
+}
+
 /// Object by object: ours, the published code's, and whether they agree within three standard errors of both sides. The
 /// published code's own runs give no errors; the deviation of our episodes stands for theirs.
 pub fn beside_the_published_code(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Table {
@@ -119,7 +129,7 @@ pub fn beside_the_published_code(contents: &Contents, config: &EvaluateConfig, p
     let mut table = Table::new(
         "Beside the published code's own runs",
         "diff / se: difference over the sum of both standard errors, that of the published code's few runs taken from the \
-         deviation of our episodes; above 3 they disagree.",
+         deviation of our episodes; above 3 they disagree. Episodes that are all alike give no errors.",
         &header,
     );
     let (mut outside, mut all) = (0, 0);
@@ -134,7 +144,7 @@ pub fn beside_the_published_code(contents: &Contents, config: &EvaluateConfig, p
             let ratio = (|| {
                 let d = deviation(&column)?;
                 let se = d / (runs.len() as f64).sqrt() + d / (count as f64).sqrt();
-                Some((column.mean()? - values[index]).abs() / se.max(1e-9))
+                in_errors((column.mean()? - values[index]).abs(), se)
             })();
             all += usize::from(ratio.is_some());
             outside += usize::from(ratio.is_some_and(|r| r > 3.0));
@@ -148,4 +158,31 @@ pub fn beside_the_published_code(contents: &Contents, config: &EvaluateConfig, p
 
 fn runs<'a>(contents: &'a Contents, policy: &str) -> Runs<'a> {
     Runs::of(contents.episodes.iter().map(|(r, _)| r), policy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::record;
+    use crate::record::Timing;
+
+    #[test]
+    fn without_errors_nothing_lies_outside() {
+        let of = |last: f64, episode: usize| {
+            let timing = Timing { episode_s: 0.0, decisions_s: vec![] };
+            (record("teapot", "benbv", episode, &[0.5, last], &[Some(0.4)]), timing)
+        };
+        let table = |last: [f64; 2]| {
+            let episodes = vec![of(last[0], 0), of(last[1], 1)];
+            let contents = Contents { episodes, skipped: vec![] };
+            beside_the_published_code(&contents, &EvaluateConfig::default(), &["benbv".to_owned()])
+        };
+        let alike = table([0.95, 0.95]);
+        assert_eq!(alike.rows[0][3..6], ["95.00", "99.79", "-"]);
+        assert!(alike.note.ends_with(" 0 of 0 figures lie outside."), "{}", alike.note);
+        let spread = table([0.95, 0.951]);
+        assert!(spread.rows[0][5].parse::<f64>().expect("a ratio") > 3.0, "{:?}", spread.rows);
+        assert!(spread.note.ends_with(" 1 of 1 figures lie outside."), "{}", spread.note);
+        assert_eq!((in_errors(0.0, 0.0), in_errors(1.0, 0.5)), (Some(0.0), Some(2.0)));
+    }
 }

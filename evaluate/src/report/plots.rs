@@ -51,7 +51,7 @@ pub fn coverage_curves(contents: &Contents, config: &EvaluateConfig, policies: &
             .margin(12)
             .x_label_area_size(42)
             .y_label_area_size(52)
-            .build_cartesian_2d(1.0..config.episode.num_views as f64 + 1.0, 15.0..100.0)?;
+            .build_cartesian_2d(1.0..config.episode.num_views as f64 + 1.0, 0.0..100.0)?;
         chart
             .configure_mesh()
             .x_desc("views, the first scan included")
@@ -198,5 +198,17 @@ mod tests {
         config.episode.num_views = 2;
         assert_eq!(coverage_curve(&contents, &config, "p"), [(1.0, 50.0), (2.0, 75.0), (3.0, 75.0)]);
         assert!(coverage_curve(&contents, &config, "q").is_empty());
+    }
+
+    #[test]
+    fn low_curves_are_drawn_where_they_are() {
+        let of = |coverage: f64| {
+            let timing = Timing { episode_s: 0.0, decisions_s: vec![] };
+            let episodes = vec![(record("a", "p", 0, &[coverage, coverage], &[]), timing)];
+            let contents = Contents { episodes, skipped: vec![] };
+            coverage_curves(&contents, &EvaluateConfig::default(), &["p".to_owned()])
+        };
+        assert!(of(0.05).contains("<svg"));
+        assert_ne!(of(0.05), of(0.1));
     }
 }

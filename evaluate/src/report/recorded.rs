@@ -16,7 +16,7 @@ const LEAST_GAIN: f64 = 0.01;
 const STOP_BELOW: f64 = 0.02;
 /// Steps that get their own row.
 const STEPS: usize = 5;
-/// Stands for all sequences, and for all steps.
+/// What rows over all sequences, and over all steps, say instead of which.
 const ALL: &str = "all";
 
 /// A policy on a sequence, or on all.
@@ -164,24 +164,29 @@ impl Row for StopRow {
 /// Sequence by sequence; over all, where there are several, for policies that ran on each of them.
 pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<RecordedRow> {
     let sequences = sequences(contents, config);
-    let of = |sequence: &str, policy: &str| {
+    // A sequence; `None`: all of them.
+    let of = |sequence: Option<&str>, policy: &str| {
         let all = Runs::of(contents.episodes.iter().map(|(r, _)| r), policy);
-        let runs = if sequence == ALL { all } else { all.object(sequence) };
-        if runs.is_empty() || (sequence == ALL && runs.objects().len() < sequences.len()) {
+        let runs = match sequence {
+            Some(sequence) => all.object(sequence),
+            None => all,
+        };
+        if runs.is_empty() || (sequence.is_none() && runs.objects().len() < sequences.len()) {
             return None;
         }
         let column = |figure| runs.column(figure, config.views_if_unreached());
         let drawn = |over| draws(&column(Figure::FinalCoverage).sizes(), over, config.resamples, config.seed);
         let starts = drawn(ResampleUnit::Episodes);
         let over_starts = |percent| mean_interval(&column(Figure::ViewsTo(percent)), &starts);
-        let over_sequences = (sequence == ALL)
+        let over_sequences = sequence
+            .is_none()
             .then(|| mean_interval(&column(Figure::ViewsTo(90)), &drawn(ResampleUnit::Objects)))
             .flatten();
         let [v80, v90, v95] = [80, 90, 95].map(over_starts);
         let (low, high) = (|i: Option<Interval>| i.and_then(|i| i.low), |i: Option<Interval>| i.and_then(|i| i.high));
         let value = |i: Option<Interval>| i.map(|i| i.value);
         Some(RecordedRow {
-            sequence: sequence.to_owned(),
+            sequence: sequence.unwrap_or(ALL).to_owned(),
             policy: policy.to_owned(),
             starts: runs.len(),
             views_to_50: column(Figure::ViewsTo(50)).mean(),
@@ -201,8 +206,8 @@ pub fn rows(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -
             overlap_3_percent: column(Figure::Overlap(3)).mean(),
         })
     };
-    let all = (sequences.len() > 1).then_some(ALL);
-    let names = sequences.iter().copied().chain(all);
+    let all = (sequences.len() > 1).then_some(None);
+    let names = sequences.iter().copied().map(Some).chain(all);
     names.flat_map(|sequence| policies.iter().filter_map(move |policy| of(sequence, policy))).collect()
 }
 
@@ -263,18 +268,23 @@ pub fn forecasts(contents: &Contents, config: &EvaluateConfig, policies: &[Strin
     rows
 }
 
-/// Where each policy would have stopped.
+/// The most that was expected at each decision that a scan followed: where none is left, none can add anything.
+fn most(record: &EpisodeRecord) -> impl Iterator<Item = Option<f64>> {
+    record.forecasts.iter().zip(record.coverages.iter().skip(1)).map(|(forecast, _)| forecast.most)
+}
+
+/// Where each policy that predicts anything would have stopped.
 pub fn stops(contents: &Contents, config: &EvaluateConfig, policies: &[String]) -> Vec<StopRow> {
     let mut rows = Vec::new();
     for sequence in sequences(contents, config) {
         for policy in policies {
             let episodes = told(contents, sequence, policy);
-            if episodes.is_empty() {
+            if !episodes.iter().any(|r| most(r).any(|expected| expected.is_some())) {
                 continue;
             }
             // The decision after `i + 1` scans.
             let at = |r: &&EpisodeRecord| {
-                r.forecasts.iter().position(|f| f.most.is_some_and(|m| m < STOP_BELOW)).map(|i| (i, r.coverages[i]))
+                most(r).position(|m| m.is_some_and(|m| m < STOP_BELOW)).map(|i| (i, r.coverages[i]))
             };
             let stops: Vec<(usize, f64)> = episodes.iter().filter_map(at).collect();
             let missing = |coverage: f64| 100.0 * (1.0 - coverage);
@@ -315,7 +325,8 @@ pub fn forecast_table(rows: &[ForecastRow]) -> Table {
 /// [`stops`] for readers.
 pub fn stop_table(rows: &[StopRow]) -> Table {
     let note = format!(
-        "Episodes in which no view was expected to add {STOP_BELOW}, nor did the last scan, and what was missing there first."
+        "Episodes in which no view was expected to add {STOP_BELOW}, nor did the last scan, and what was missing \
+         there first. Decisions that no scan followed do not count."
     );
     Table::of(&format!("What --stop-below {STOP_BELOW} would have left"), &note, rows)
 }

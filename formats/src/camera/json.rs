@@ -57,7 +57,8 @@ fn lens_of(path: &Path, of: &Value, whole: &Value) -> Result<Lens, FormatError> 
     let named = model(path, of)?;
     let fisheye = named.as_deref().is_some_and(|name| matches!(Lens::named(name, &[]), Ok(Lens::Fisheye(_))));
     let is_listed = |key: &&&str| of.get(**key).is_some_and(|value| !value.is_null() && !value.is_string());
-    let coefficients = match COEFFICIENTS.iter().find(is_listed) {
+    let by_letter = ["D", "d"].into_iter().find(|key| of.get(key).is_some_and(Value::is_array));
+    let coefficients = match COEFFICIENTS.iter().find(is_listed).copied().or(by_letter) {
         Some(key) => list(path, of, key)?.unwrap_or_default(),
         None => match one_by_one(of, fisheye) {
             Some(coefficients) => coefficients,
@@ -110,7 +111,8 @@ fn one_by_one(of: &Value, fisheye: bool) -> Option<Vec<f64>> {
 /// No coefficients, where no other key of these objects seems to have any.
 fn none_unknown(path: &Path, objects: [&Value; 2]) -> Result<Vec<f64>, FormatError> {
     let mut entries = objects.into_iter().filter_map(Value::as_object).flatten();
-    match entries.find(|(key, value)| may_be_coefficients(key) && does_something(value)) {
+    let may_be = |key: &str, value: &Value| may_be_coefficients(key) || (matches!(key, "D" | "d") && value.is_array());
+    match entries.find(|(key, value)| may_be(key, value) && does_something(value)) {
         Some((key, _)) => Err(unknown_coefficients(path, key)),
         None => Ok(Vec::new()),
     }

@@ -172,6 +172,12 @@ fn a_lens_is_read_under_any_of_its_keys() {
         let json = REALSENSE.replace("\"coeffs\"", &format!("\"{key}\""));
         assert_eq!(parse(&json), Ok(brown.clone()), "{key}");
     }
+    for key in ["D", "d"] {
+        let json = REALSENSE.replace("\"coeffs\"", &format!("\"{key}\""));
+        assert_eq!(parse(&json), Ok(brown.clone()), "{key}");
+    }
+    let beside = format!("{{\"intrinsics\": {OPEN3D}, \"D\": [0.1, 0, 0, 0]}}");
+    assert!(parse(&beside).expect_err("not left out").contains("under a key not known here"), "D beside the camera");
     let fisheye = expected(Lens::Fisheye([0.01, 0.02, 0.03, 0.04]));
     let one = KALIBR.split("cam1:").next().expect("cam0");
     assert_eq!(parse(&one.replace("distortion_coeffs", "distortion_coefficients")), Ok(fisheye.clone()));

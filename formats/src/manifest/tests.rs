@@ -58,3 +58,21 @@ fn every_flipped_bit_of_a_skipped_object_is_noticed() {
     std::fs::write(&path, text).unwrap();
     assert_eq!(read_skipped(&path).expect("of an older program"), record);
 }
+
+#[test]
+fn a_set_that_was_begun_says_how_it_is_finished() {
+    let home = tempfile::tempdir().unwrap();
+    let text = || Manifest::read(home.path()).expect_err("no manifest").to_string();
+    assert!(text().contains("manifest.json\": cannot read"), "{}", text());
+    std::fs::write(home.path().join("run.toml"), "program = \"train 1.0.0\"\n").unwrap();
+    assert!(text().contains("manifest.json\": cannot read"), "{}", text());
+    std::fs::write(home.path().join("run.toml"), "program = \"datagen 1.0.0\"\n").unwrap();
+    assert!(
+        text().contains("no manifest.json") && text().contains("run the same `datagen` command again"),
+        "{}",
+        text()
+    );
+    std::fs::remove_file(home.path().join("run.toml")).unwrap();
+    std::fs::create_dir(home.path().join("shards")).unwrap();
+    assert!(text().contains("run the same `datagen` command again"), "{}", text());
+}

@@ -46,12 +46,16 @@ pub(super) fn of_scans(path: &Path, scans: &[DescribedScan]) -> Result<Vec<FileP
     scans.iter().map(place).collect()
 }
 
-/// The one pose that is called like a scan's cloud or image, by as much of both names as possible.
+/// The one pose that is called like a scan's cloud or image.
 fn named<'a>(poses: &'a [FilePose], scan: &DescribedScan) -> Option<&'a FilePose> {
-    let apart = |pose: &FilePose| {
-        let files = [Some(&scan.cloud), scan.depth.as_ref()].into_iter().flatten();
-        files.filter_map(|file| left_out(file, pose.name.as_deref()?)).min()
-    };
+    let files: Vec<&str> = [Some(&scan.cloud), scan.depth.as_ref()].into_iter().flatten().map(String::as_str).collect();
+    called(poses, &files)
+}
+
+/// The one pose that is called like one of these files, by as much of both names as possible. `None` where none is, or
+/// several are as much.
+pub fn called<'a>(poses: &'a [FilePose], files: &[&str]) -> Option<&'a FilePose> {
+    let apart = |pose: &FilePose| files.iter().filter_map(|file| left_out(file, pose.name.as_deref()?)).min();
     let fitting: Vec<_> = poses.iter().filter_map(|pose| Some((apart(pose)?, pose))).collect();
     let least = fitting.iter().map(|(apart, _)| *apart).min()?;
     let mut closest = fitting.into_iter().filter(|(apart, _)| *apart == least).map(|(_, pose)| pose);

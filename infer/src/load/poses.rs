@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use formats::poses::{FilePose, read_poses};
+use formats::sequence::called;
 use nalgebra::Isometry3;
 use planning::pose::from_quaternion;
 use serde::Serialize;
@@ -42,14 +43,31 @@ pub(super) fn file_pose(text: &str) -> Result<FilePose> {
     let chosen = match wanted {
         None if count == 1 => poses.first(),
         None => {
-            bail!("--pose {text}: found {count} poses, expected one: name it, {text}:NAME or {text}:0 to {}", count - 1)
+            bail!("--pose {text}: found {count} poses, expected one: name it, {}", ways(file, &poses))
         }
-        Some(wanted) => {
-            let named = poses.iter().find(|p| p.name.as_deref() == Some(wanted));
-            named.or_else(|| poses.get(wanted.parse::<usize>().ok()?))
-        }
+        Some(wanted) => called(&poses, &[wanted]).or_else(|| {
+            // Where numbers are names, another number is none of them, whatever stands at that place.
+            let index = wanted.parse::<usize>().ok().filter(|_| !poses.iter().any(is_numbered))?;
+            poses.get(index)
+        }),
     };
-    chosen.cloned().with_context(|| format!("--pose {text}: no such pose among the {count} of {file}"))
+    chosen.cloned().with_context(|| {
+        format!("--pose {text}: no such pose among the {count} of {file}, or more than one: {}", ways(file, &poses))
+    })
+}
+
+/// How one of these poses is asked for.
+fn ways(file: &str, poses: &[FilePose]) -> String {
+    match poses.iter().find(|pose| is_numbered(pose)).and_then(|pose| pose.name.as_deref()) {
+        Some(name) => format!("{file}:NAME, such as {file}:{name}"),
+        None => format!("{file}:NAME or {file}:0 to {}", poses.len() - 1),
+    }
+}
+
+/// Whether its name is a number, folders and ending aside.
+fn is_numbered(pose: &FilePose) -> bool {
+    let stem = pose.name.as_deref().and_then(|name| Path::new(name).file_stem()?.to_str());
+    stem.is_some_and(|stem| !stem.is_empty() && stem.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// The poses of cameras of a file, for [`planning::Session::set_given_views`].

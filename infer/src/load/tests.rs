@@ -143,11 +143,17 @@ fn one_pose_of_several_is_asked_for_by_name_or_number() {
     let matrix = |z: i32| format!("1 0 0 0\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
     std::fs::write(&path, format!("5 5 6\n{}6 6 7\n{}", matrix(3), matrix(4))).expect("written");
     let at = |suffix: &str| read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
-    assert_eq!((at(":0").ok(), at(":1").ok(), at(":6").ok()), (Some(3.0), Some(4.0), Some(4.0)));
+    assert_eq!((at(":5").ok(), at(":6").ok(), at(":06").ok()), (Some(3.0), Some(4.0), Some(4.0)));
     let several = format!("{:#}", at("").expect_err("which?"));
-    assert!(several.contains("found 2 poses") && several.contains("poses.log:0 to 1"), "{several}");
-    assert!(format!("{:#}", at(":9").expect_err("none")).contains("no such pose among the 2"));
+    assert!(several.contains("found 2 poses") && several.contains("such as ") && several.contains("poses.log:5"));
+    for none in [":0", ":1", ":9"] {
+        assert!(format!("{:#}", at(none).expect_err("none")).contains("no such pose among the 2"), "{none}");
+    }
     assert_eq!(poses(&path).expect("both").len(), 2);
+    std::fs::write(&path, format!("{}{}", matrix(3), matrix(4))).expect("written");
+    assert_eq!((at(":0").ok(), at(":1").ok()), (Some(3.0), Some(4.0)), "without names they are counted");
+    let several = format!("{:#}", at("").expect_err("which?"));
+    assert!(several.contains("poses.log:0 to 1"), "{several}");
     let conf = dir.path().join("bun.conf");
     std::fs::write(&conf, "bmesh a.ply 0 0 0 0 0 0 1\n").expect("written");
     assert!(poses(&conf).expect_err("scans").to_string().contains("poses of range images"));
@@ -166,6 +172,22 @@ fn a_cloud_takes_the_position_of_its_pose_and_lies_ahead() {
     std::fs::write(&pose, rows(2)).expect("written");
     let error = cloud_from(&cloud, None, &text).expect_err("behind").to_string();
     assert!(error.contains("0 % of the points") && error.contains("the inverse"), "{error}");
+}
+
+#[test]
+fn a_pose_is_asked_for_by_the_name_of_its_image() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("scene_camera.json");
+    let of = |key: &str, mm: u32| {
+        format!("\"{key}\": {{\"cam_R_w2c\": [1, 0, 0, 0, 1, 0, 0, 0, 1], \"cam_t_w2c\": [0, 0, -{mm}]}}")
+    };
+    std::fs::write(&path, format!("{{{}, {}}}", of("1", 3000), of("2", 4000))).expect("written");
+    let at = |wanted: &str| read_pose(&format!("{}:{wanted}", path.display())).map(|(pose, _)| pose.translation.z);
+    for (wanted, z) in [("1", 3.0), ("000001", 3.0), ("000001.png", 3.0), ("depth/000002.png", 4.0)] {
+        assert!((at(wanted).expect(wanted) - z).abs() < 1e-9, "{wanted}");
+    }
+    let error = format!("{:#}", at("0").expect_err("no image is called so"));
+    assert!(error.contains("scene_camera.json:NAME, such as"), "{error}");
 }
 
 /// A wall at 1 m through a lens, as a file of 64 x 48 pixels, and the calibration of that lens.
@@ -197,7 +219,8 @@ fn a_calibrated_lens_is_undone_on_reading() {
     let (image, file) = distorted(folder.path());
     let camera = DepthCamera::from(formats::camera::read_camera(&file).expect("a calibration"));
     let off = |camera: DepthCamera| {
-        let loaded = depth(&image, Some(1e-4), "0,0,0,0,0,0,1", Some(camera), NoReturn::Unknown).expect("an image");
+        let loaded = depth(&image, Some(1e-4), "0,0,0,0,0,0,1", Some(GivenCamera::File(camera)), NoReturn::Unknown)
+            .expect("an image");
         let Scan::Depth { camera, depth, .. } = loaded.scan else { panic!("a depth image") };
         let points = depth.to_points(&camera, &Isometry3::identity());
         assert!(points.len() > 2_500);
@@ -205,9 +228,8 @@ fn a_calibrated_lens_is_undone_on_reading() {
     };
     let (undone, ignored) = (off(camera), off(DepthCamera { lens: Lens::Pinhole, ..camera }));
     assert!(undone < 5e-4 && ignored > 0.02, "{undone} m off the wall, {ignored} m with the lens ignored");
-    let other = DepthCamera { size: Some([128, 96]), ..camera };
-    let error =
-        format!("{:#}", depth(&image, None, "0,0,0,0,0,0,1", Some(other), NoReturn::Unknown).expect_err("a size"));
+    let other = Some(GivenCamera::File(DepthCamera { size: Some([128, 96]), ..camera }));
+    let error = format!("{:#}", depth(&image, None, "0,0,0,0,0,0,1", other, NoReturn::Unknown).expect_err("a size"));
     assert!(error.contains("d.png\": 64 x 48 pixels, but the camera was calibrated for 128 x 96"), "{error}");
 }
 
@@ -301,8 +323,9 @@ fn the_unit_that_a_file_of_cameras_says_counts_unless_one_is_given() {
     let all =
         "{\"cx\": 31.5, \"cy\": 23.5, \"depth_scale\": 0.1, \"fx\": 50, \"fy\": 50, \"height\": 48, \"width\": 64}";
     let all = DepthCamera::from(formats::camera::read_camera(&file("camera.json", all)).expect("BOP's"));
-    let read = |unit, pose: &str, camera| {
-        let Loaded { scan, reading } = depth(&image, unit, pose, camera, NoReturn::Unknown).expect("an image");
+    let read = |unit, pose: &str, camera: Option<DepthCamera>| {
+        let Loaded { scan, reading } =
+            depth(&image, unit, pose, camera.map(GivenCamera::File), NoReturn::Unknown).expect("an image");
         let Scan::Depth { depth, .. } = scan else { panic!("a depth image") };
         (depth.depth[0], reading.notes)
     };
@@ -336,4 +359,28 @@ fn intrinsics_of_a_pose_file_are_of_the_size_that_it_says() {
     assert!(read([64, 48]).is_ok());
     let error = format!("{:#}", read([128, 96]).expect_err("of another size"));
     assert!(error.contains("64 x 48 pixels, but the camera was calibrated for 128 x 96"), "{error}");
+}
+
+#[test]
+fn the_intrinsics_of_the_image_itself_count_unless_others_are_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (image, file) = distorted(folder.path());
+    let pose = folder.path().join("pose.json");
+    let rows = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
+    let text = format!("{{\"world_from_camera\": {rows}, \"intrinsics\": [60, 61, 30, 22]}}");
+    std::fs::write(&pose, text).expect("written");
+    let pose = pose.display().to_string();
+    let calibrated = DepthCamera::from(formats::camera::read_camera(&file).expect("a calibration"));
+    let camera_of = |given| placed_camera(&image, &pose, given).expect("a camera").1;
+    let found = camera_of(Some(GivenCamera::File(calibrated)));
+    assert_eq!((found.intrinsics, found.lens), ([60.0, 61.0, 30.0, 22.0], calibrated.lens));
+    assert_eq!(camera_of(Some(GivenCamera::Intrinsics([50.0; 4]))).intrinsics, [50.0; 4], "as asked");
+    let notes = |intrinsics| {
+        let given = Some(GivenCamera::Intrinsics(intrinsics));
+        let loaded = depth(&image, Some(1e-4), &pose, given, NoReturn::Unknown).expect("an image");
+        loaded.reading.notes.into_iter().filter(|note| note.contains("--intrinsics")).collect::<Vec<_>>()
+    };
+    assert_eq!(notes([60.0, 61.0, 30.0, 22.0]), Vec::<String>::new());
+    let said = notes([50.0, 50.0, 31.5, 23.5]);
+    assert!(said.len() == 1 && said[0].contains("[60.0, 61.0, 30.0, 22.0]"), "{said:?}");
 }

@@ -310,21 +310,40 @@ impl Store {
     }
 
     /// Ends a session together with the answer to who asked for that, the last of `answers`; `last` is the last name that was given.
+    /// Where there is no space left for the answer, the session makes room for it first.
     ///
     /// # Errors
-    /// It cannot be written, or removed.
+    /// It cannot be written, or removed: the session is still there, and stays.
     pub fn delete(&self, id: u64, last: u64, answers: Vec<Kept>) -> Result<(), StoreError> {
-        let mut state = State { version: VERSION, last, deleting: Some(id), answers };
-        self.write_state(&state)?;
-        self.remove(id)?;
-        state.deleting = None;
-        self.write_state(&state)
+        let state = State { version: VERSION, last, deleting: Some(id), answers };
+        self.delete_with(id, state, |state| self.write_state(state))
     }
 
-    /// Ends a session, if it is there.
+    fn delete_with(
+        &self,
+        id: u64,
+        mut state: State,
+        write: impl Fn(&State) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        match write(&state) {
+            Err(error) if error.is_full() => tracing::warn!("{error}; session {id} is removed first"),
+            written => written?,
+        }
+        let removed = self.remove(id);
+        if removed.is_err() {
+            // Otherwise the session would go at the next start, and be called deleted until then.
+            state.answers.pop();
+        }
+        state.deleting = None;
+        // The session is gone, or there, whether this can be said or not.
+        write(&state).unwrap_or_else(|error| tracing::warn!("{error}"));
+        removed
+    }
+
+    /// Ends a session, if it is there. Files left of one that is ended are no session.
     ///
     /// # Errors
-    /// It cannot be removed.
+    /// It cannot be removed: it is still there.
     pub fn remove(&self, id: u64) -> Result<(), StoreError> {
         // First what makes it one, so that half of it is none.
         let record = self.record_path(id);
@@ -334,9 +353,12 @@ impl Store {
         }
         let folder = self.folder.join(id.to_string());
         match fs::remove_dir_all(&folder) {
-            Err(e) if e.kind() != ErrorKind::NotFound => Err(io(&folder)(e)),
-            _ => Ok(()),
+            Err(e) if e.kind() != ErrorKind::NotFound => {
+                tracing::warn!("{folder:?}: {e}: session {id} is deleted; remove what is left of its folder");
+            }
+            _ => {}
         }
+        Ok(())
     }
 }
 

@@ -31,6 +31,8 @@ pub struct Open {
     created: Option<Kept>,
     /// What is on disk counts, and has to be read before anything is asked of the session.
     unread: bool,
+    /// It is gone: whoever waited for it is told so.
+    ended: bool,
 }
 
 impl Open {
@@ -41,7 +43,7 @@ impl Open {
     pub fn empty(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
         let session = Session::new(config, network)?;
         let (held, answers) = (memory.nothing(), Answers::default());
-        let mut open = Self { session, held, answers, created: None, unread: false };
+        let mut open = Self { session, held, answers, created: None, unread: false, ended: false };
         open.held.resize(open.memory())?;
         Ok(open)
     }
@@ -53,7 +55,7 @@ impl Open {
     pub fn on_disk(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
         let session = Session::new(config, network)?;
         let (held, answers) = (memory.nothing(), Answers::default());
-        Ok(Self { session, held, answers, created: None, unread: true })
+        Ok(Self { session, held, answers, created: None, unread: true, ended: false })
     }
 
     /// The same with the answer to the request that created it, where that has a key.
@@ -77,6 +79,11 @@ impl Open {
         let places = if rejected { now[now.len().saturating_sub(PLACES)..].to_vec() } else { before };
         self.session.set_rejected_from(places);
         rejected
+    }
+
+    /// It is done with: nothing is asked of it any longer.
+    pub fn end(&mut self) {
+        self.ended = true;
     }
 
     /// To ask in this program.
@@ -105,6 +112,9 @@ impl Service {
         patience: &Patience,
         spare: Held,
     ) -> Result<Reply, Refusal> {
+        if open.ended {
+            return Err(super::unknown(&entry.id.to_string()));
+        }
         open.held.absorb(spare);
         let answer = self.done(entry.id, open, ask, key, patience);
         let bytes = open.memory();

@@ -34,6 +34,8 @@ pub(super) struct Cell<'a> {
     /// The table's angle at the last scan, degrees.
     pub table_deg: f64,
     pub support: Option<Plane>,
+    /// What was measured of it, which is not in the cloud.
+    stood_on: Vec<Point3<f64>>,
     pub arm: Option<Armed<'a>>,
     /// Whether the planner predicts what a view sees.
     pub predicts: bool,
@@ -133,6 +135,7 @@ impl Session {
             scanned,
             table_deg: self.table_deg(),
             support: self.support,
+            stood_on: self.stood_on(),
             arm: self.reach.as_deref().map(|reach| Armed::new(reach, self.touchable(), expected)),
             predicts: planner == PlannerName::Volumetric,
             scans: self.scans.len(),
@@ -254,13 +257,13 @@ impl Cell<'_> {
         // A camera that stands still does not travel.
         let moves = self.config.turntable.as_ref().is_none_or(|t| t.cell_from_camera.is_none());
         let mut objections = self.limits.objections_in_cell(view, in_cell, overlap, &self.known);
-        if let Some(height) = self.support.map(|plane| plane.height(&view.position)) {
-            // Of its points none is in the cloud.
-            if height <= 0.0 {
-                let reason = format!("camera {:.3} m below the plane that the object stands on", -height);
-                objections.push(Objection { constraint: Constraint::Support, reason });
-            } else if height < self.limits.clearance(view) {
-                let reason = format!("{height:.3} m from the plane that the object stands on");
+        if let Some(height) = self.support.map(|plane| plane.height(&view.position)).filter(|h| *h <= 0.0) {
+            let reason = format!("camera {:.3} m below the plane that the object stands on", -height);
+            objections.push(Objection { constraint: Constraint::Support, reason });
+        } else {
+            let beside = self.stood_on.iter().map(|p| (p - view.position).norm()).fold(f64::INFINITY, f64::min);
+            if beside < self.limits.clearance(view) {
+                let reason = format!("{beside:.3} m from what the object stands on");
                 objections.push(Objection { constraint: Constraint::Clearance, reason });
             }
         }

@@ -42,14 +42,19 @@ impl Session {
 
     /// What was measured that an arm may touch: the cloud, and what the object stands on.
     pub(super) fn touchable(&self) -> Cow<'_, [Point3<f64>]> {
-        let stood_on: Vec<Point3<f64>> = self.scans.iter().flat_map(|scan| scan.stood_on.iter().copied()).collect();
+        let mut points = self.stood_on();
         let cloud = &self.state.cloud.points;
-        if stood_on.is_empty() {
+        if points.is_empty() {
             return Cow::Borrowed(&cloud[..]);
         }
-        let mut points = support::obstacles(&stood_on, self.config.seed);
         points.extend(cloud);
         Cow::Owned(points)
+    }
+
+    /// What was measured of what the object stands on, thinned: object's frame.
+    pub(super) fn stood_on(&self) -> Vec<Point3<f64>> {
+        let points: Vec<Point3<f64>> = self.scans.iter().flat_map(|scan| scan.stood_on.iter().copied()).collect();
+        support::obstacles(&points, self.config.seed)
     }
 
     /// What the object stands on, as far as it is known.

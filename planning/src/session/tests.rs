@@ -55,15 +55,22 @@ fn a_run_is_not_over_while_much_is_sure_to_be_missing() {
 
 #[test]
 fn views_keep_their_clearance_from_what_the_object_stands_on() {
-    let support = Support::Plane(Plane { normal: [0.0, 0.0, 1.0], offset_m: -0.02 });
-    let session = session(40, SessionConfig { support, ..SessionConfig::default() });
-    let against = |z: f64| {
-        let view = View { target: Point3::origin(), position: Point3::new(1.0, 0.0, z) };
+    // A table, 1.2 m to one side of a sheet that floats above it.
+    let sheet = (0..1_600).map(|i| Point3::new(0.0025 * f64::from(i % 40), 0.0025 * f64::from(i / 40), 0.0));
+    let table = (0..4_800).map(|i| Point3::new(0.005 * f64::from(i % 240), 0.005 * f64::from(i / 240), -0.03));
+    let cloud = PointCloud { points: sheet.chain(table).collect(), normals: Vec::new() };
+    let support = Support::Plane(Plane { normal: [0.0, 0.0, 1.0], offset_m: -0.03 });
+    let mut session =
+        Session::new(SessionConfig { support, ..SessionConfig::default() }, None).expect("settings in range");
+    session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(0.05, 0.05, 1.0)) }).expect("a scan");
+    let against = |x: f64, z: f64| {
+        let view = View { target: Point3::origin(), position: Point3::new(x, 0.05, z) };
         session.place(&view).objections.into_iter().map(|o| o.constraint).collect::<Vec<_>>()
     };
-    assert_eq!(against(-0.016), [Constraint::Clearance]);
-    assert_eq!(against(-0.024), [Constraint::Support]);
-    assert_eq!(against(0.04), []);
+    assert_eq!(against(1.0, -0.026), [Constraint::Clearance]);
+    assert_eq!(against(1.0, -0.034), [Constraint::Support]);
+    assert_eq!(against(1.0, 0.03), []);
+    assert_eq!(against(-1.0, -0.026), [], "beside the table");
 }
 
 #[test]
@@ -416,14 +423,14 @@ fn a_region_much_larger_than_the_object_changes_no_number() {
 #[test]
 fn another_support_holds_from_the_next_answer_on() {
     let mut session = session(40, SessionConfig::default());
-    let mut on = |support: crate::Support| {
+    let mut on = |support: Support| {
         session.configure(SessionConfig { support, ..session.config().clone() }).expect("in range");
         session.next_view().expect("an answer").support
     };
-    let plane = |offset: f64| crate::Support::plane([0.0, 0.0, 1.0, offset]);
+    let plane = |offset: f64| Support::plane([0.0, 0.0, 1.0, offset]);
     assert_eq!(on(plane(-0.02)).map(|p| p.offset_m), Some(-0.02));
     assert_eq!(on(plane(-0.05)).map(|p| p.offset_m), Some(-0.05));
-    assert_eq!(on(crate::Support::None), None);
+    assert_eq!(on(Support::None), None);
 }
 
 #[test]

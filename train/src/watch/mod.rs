@@ -8,6 +8,7 @@ mod terminal;
 
 pub use log::Log;
 pub use page::render;
+pub(crate) use record::null_as_nan;
 pub use record::{EpisodesRecord, EpochRecord, Record, StepRecord};
 pub use tensorboard::EventWriter;
 pub use terminal::Terminal;
@@ -72,10 +73,16 @@ impl Watch {
         &self.records
     }
 
+    /// Hands the records to the operating system: before a checkpoint that holds their steps, since a log that is cut back to
+    /// it lacks nothing only then.
+    pub fn flush_records(&mut self) -> Result<(), TrainError> {
+        self.log.flush()?;
+        self.events.flush()
+    }
+
     /// Writes everything out; `done` marks the page as final.
     pub fn flush(&mut self, done: bool) -> Result<(), TrainError> {
-        self.log.flush()?;
-        self.events.flush()?;
+        self.flush_records()?;
         self.write_page(done)?;
         if done {
             self.terminal.finish();

@@ -1,7 +1,7 @@
 //! What is reported while training: one record per step, per epoch, per round of closed-loop episodes.
 
 use crate::metrics::RankingMetrics;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// One line of `log.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,16 +51,21 @@ pub struct StepRecord {
     /// Epoch, from 0.
     pub epoch: u32,
     /// Training loss of the step's batch.
+    #[serde(deserialize_with = "null_as_nan")]
     pub loss: f64,
     /// Learning rate.
+    #[serde(deserialize_with = "null_as_nan")]
     pub learning_rate: f64,
     /// L2 norm of the whole gradient before clipping.
+    #[serde(deserialize_with = "null_as_nan")]
     pub gradient_norm: f64,
     /// Samples in the step.
     pub samples: usize,
     /// Wall time of the step, seconds.
+    #[serde(deserialize_with = "null_as_nan")]
     pub seconds: f64,
     /// Of it, the wait for the loader.
+    #[serde(deserialize_with = "null_as_nan")]
     pub wait_seconds: f64,
 }
 
@@ -72,18 +77,23 @@ pub struct EpochRecord {
     /// Epoch, from 0.
     pub epoch: u32,
     /// Mean training loss over the epoch.
+    #[serde(deserialize_with = "null_as_nan")]
     pub train_loss: f64,
     /// Loss on the validation objects.
+    #[serde(deserialize_with = "null_as_nan")]
     pub valid_loss: f64,
     /// How the validation candidates are ordered.
     pub valid: RankingMetrics,
     /// Whether this is the lowest validation regret so far.
     pub best: bool,
     /// Learning rate of the last step.
+    #[serde(deserialize_with = "null_as_nan")]
     pub learning_rate: f64,
     /// Wall time, seconds, validation included.
+    #[serde(deserialize_with = "null_as_nan")]
     pub seconds: f64,
     /// Training samples per second, validation excluded.
+    #[serde(deserialize_with = "null_as_nan")]
     pub samples_per_second: f64,
 }
 
@@ -97,9 +107,20 @@ pub struct EpisodesRecord {
     /// Episodes that counted.
     pub episodes: usize,
     /// Mean final coverage, in [0, 1].
+    #[serde(deserialize_with = "null_as_nan")]
     pub coverage: f64,
     /// Mean number of views to 90 % coverage; never reached counts one more than the views of an episode.
+    #[serde(deserialize_with = "null_as_nan")]
     pub views_to_90: f64,
     /// Wall time, seconds.
+    #[serde(deserialize_with = "null_as_nan")]
     pub seconds: f64,
+}
+
+/// A number as JSON has it, where NaN and the infinities are null: read as NaN.
+///
+/// # Errors
+/// Neither a number nor null.
+pub(crate) fn null_as_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }

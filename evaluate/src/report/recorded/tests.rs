@@ -45,3 +45,36 @@ fn forecasts_are_held_against_what_came() {
     assert!(near(stops[0].missing_at_stop_percent, 0.5), "{stops:?}");
     assert_eq!((stops[1].stopped, stops[1].missing_at_stop_percent), (0, None));
 }
+
+fn recorded(sequence: &str, policy: &str, coverages: &[f64], expected: &[Option<f64>]) -> (EpisodeRecord, Timing) {
+    let mut record = record(sequence, policy, 0, coverages, &vec![Some(0.5); coverages.len() - 1]);
+    record.forecasts = expected.iter().map(|&most| Forecast { gain: None, most }).collect();
+    (record, Timing { episode_s: 0.0, decisions_s: Vec::new() })
+}
+
+fn of_recordings() -> EvaluateConfig {
+    let mut config = EvaluateConfig { resamples: 50, ..EvaluateConfig::default() };
+    config.dataset.name = DatasetName::Sequences;
+    config
+}
+
+#[test]
+fn a_sequence_may_be_called_all() {
+    let episodes = vec![recorded("all", "p", &[0.5, 1.0], &[]), recorded("b", "p", &[0.9], &[])];
+    let rows = rows(&Contents { episodes, skipped: Vec::new() }, &of_recordings(), &["p".to_owned()]);
+    let found: Vec<_> = rows.iter().map(|r| (r.sequence.as_str(), r.starts, r.views_to_80)).collect();
+    assert_eq!(found, [("all", 1, Some(2.0)), ("b", 1, Some(1.0)), ("all", 2, Some(1.5))]);
+}
+
+#[test]
+fn only_decisions_before_a_scan_may_stop() {
+    let episodes = vec![
+        // The last scan is the second: nothing is left to decide.
+        recorded("a", "auto", &[0.5, 1.0], &[Some(0.5), Some(0.0)]),
+        recorded("a", "farthest", &[0.5, 1.0], &[None, None]),
+    ];
+    let policies = ["auto".to_owned(), "farthest".to_owned()];
+    let stops = stops(&Contents { episodes, skipped: Vec::new() }, &of_recordings(), &policies);
+    let found: Vec<_> = stops.iter().map(|r| (r.policy.as_str(), r.episodes, r.stopped)).collect();
+    assert_eq!(found, [("auto", 1, 0)]);
+}

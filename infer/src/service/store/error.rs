@@ -2,6 +2,8 @@
 
 use super::{VERSION, WAY_OUT};
 use crate::service::Refusal;
+use formats::FormatError;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Why sessions cannot be kept, or not be read again.
@@ -46,10 +48,17 @@ pub enum StoreError {
     },
     /// It cannot be written, or is not what was written.
     #[error(transparent)]
-    Write(#[from] formats::FormatError),
+    Write(#[from] FormatError),
     /// Settings that TOML cannot say.
     #[error(transparent)]
     Settings(#[from] formats::ConfigError),
+}
+
+impl StoreError {
+    /// Whether a file could not be written because there is no space left.
+    pub(super) fn is_full(&self) -> bool {
+        matches!(self, Self::Write(FormatError::Io { cause, .. }) if cause.kind() == ErrorKind::StorageFull)
+    }
 }
 
 impl From<StoreError> for Refusal {

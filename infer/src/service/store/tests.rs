@@ -145,3 +145,55 @@ fn what_version_1_wrote_is_read() {
     let config = SessionConfig { tolerance_m: 0.003, ..Default::default() };
     assert_eq!(store.scan(4, 1).expect("there"), (config, Written { line: false, bytes: b"{}".to_vec() }));
 }
+
+/// A folder with a session 1.
+fn with_a_session() -> (tempfile::TempDir, Store) {
+    let place = tempfile::tempdir().expect("a folder");
+    let (store, _) = Store::open(place.path()).expect("a new one");
+    store.create(1, &Record::new(0, Vec::new(), &SessionConfig::default()), Vec::new()).expect("written");
+    (place, store)
+}
+
+#[test]
+fn a_session_is_deleted_where_no_space_is_left() {
+    let (place, store) = with_a_session();
+    let (folder, answers) = (place.path().join("1"), vec![kept("d", "deleted")]);
+    let full_until_it_is_gone = |state: &State| {
+        if folder.exists() {
+            let cause = std::io::Error::from(ErrorKind::StorageFull);
+            return Err(StoreError::from(formats::FormatError::io(&folder, "write", cause)));
+        }
+        store.write_state(state)
+    };
+    let state = State { version: VERSION, last: 1, deleting: Some(1), answers: answers.clone() };
+    store.delete_with(1, state, full_until_it_is_gone).expect("ended");
+    drop(store);
+    let (_, found) = Store::open(place.path()).expect("again");
+    assert!(found.sessions.is_empty(), "{found:?}");
+    assert_eq!(found.answers, answers);
+}
+
+#[test]
+fn a_session_that_cannot_be_removed_is_still_there_after_a_restart() {
+    let (place, store) = with_a_session();
+    let [record, aside] = ["1/session.toml", "aside"].map(|name| place.path().join(name));
+    fs::rename(&record, &aside).expect("moved");
+    fs::create_dir(&record).expect("what cannot be removed as a file");
+    assert!(store.delete(1, 1, vec![kept("d", "deleted")]).is_err());
+    fs::remove_dir(&record).expect("removed");
+    fs::rename(&aside, &record).expect("moved back");
+    drop(store);
+    let (_, found) = Store::open(place.path()).expect("again");
+    assert!(matches!(found.sessions[..], [(1, Ok(0))]), "{found:?}");
+    assert!(found.answers.is_empty(), "nobody is told that it was deleted");
+}
+
+#[test]
+fn a_removed_session_is_not_written_again() {
+    let (place, store) = with_a_session();
+    store.remove(1).expect("ended");
+    let scan = Written { line: false, bytes: b"{}".to_vec() };
+    let one = Record::new(1, Vec::new(), &SessionConfig::default());
+    assert!(store.write(1, &one, Some(&scan)).is_err());
+    assert!(!place.path().join("1").exists());
+}

@@ -30,7 +30,7 @@ fn outside_of_the_outline_is_background_and_a_dropout_is_not() {
 fn no_pixel_that_measured_something_is_background() {
     let plain = (*ball(NoReturn::Unknown).scans[0]).clone();
     for turn in 0..20 {
-        let roll = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(0.1, 0.2, 0.05) * f64::from(turn));
+        let roll = nalgebra::UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.2, 0.05) * f64::from(turn));
         let scan = PastScan { world_from_camera: roll * plain.world_from_camera, ..plain.clone() };
         let Seen::Depth { camera, depth, .. } = &scan.seen else { unreachable!("a depth image") };
         let outline = Silhouette::of(&scan, 0.004).expect("it saw something");
