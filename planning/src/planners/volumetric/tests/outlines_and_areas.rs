@@ -34,8 +34,14 @@ fn no_pixel_that_measured_something_is_background() {
         let scan = PastScan { world_from_camera: roll * plain.world_from_camera, ..plain.clone() };
         let Seen::Depth { camera, depth, .. } = &scan.seen else { unreachable!("a depth image") };
         let outline = Silhouette::of(&scan, 0.004).expect("it saw something");
+        // Anywhere within the pixel.
+        let within = [[-0.4, -0.4], [0.4, -0.4], [-0.4, 0.4], [0.4, 0.4]].map(|[u, v]| [u / camera.fx, v / camera.fy]);
         depth.for_each_point(camera, &scan.world_from_camera, |p| {
-            assert!(!outline.is_background(&scan, &p), "turned {turn} times: {p}");
+            let local = scan.world_from_camera.inverse() * p;
+            for [x, y] in within {
+                let beside = scan.world_from_camera * (local + Vector3::new(x, y, 0.0) * local.z);
+                assert!(!outline.is_background(&scan, &beside), "turned {turn} times: {p}");
+            }
         });
     }
 }
