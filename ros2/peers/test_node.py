@@ -90,11 +90,12 @@ def arrived(robot):
     return robot.status()["scans_on_topic"]["arrived"]
 
 
-def same(pose, other, tolerance=2e-6):
-    """To what four bytes of a coordinate hold: the same point may be rounded up on one way and down on the other."""
-    p, q = pose["position_m"], pose["quaternion_xyzw"]
-    np.testing.assert_allclose(p, other["translation_m"], atol=tolerance)
-    np.testing.assert_allclose(q, other["quaternion_xyzw"], atol=tolerance)
+def same(pose, others, tolerance=2e-6):
+    """One of these, to what four bytes of a coordinate hold: the same point may be rounded up on one way and down on the other."""
+    off = lambda other: np.abs(np.subtract(pose["position_m"], other["translation_m"])).max()
+    nearest = min(others, key=off)
+    np.testing.assert_allclose(pose["position_m"], nearest["translation_m"], atol=tolerance)
+    np.testing.assert_allclose(pose["quaternion_xyzw"], nearest["quaternion_xyzw"], atol=tolerance)
 
 
 @pytest.mark.parametrize("robot", [False, True], indirect=True, ids=["best_effort", "reliable"])
@@ -124,7 +125,7 @@ def test_what_needs_no_transform_gives_the_very_same_pose(robot, node):
     assert robot.parameter("sensor_frame", "camera").successful
     points = scene(10_000, CAMERA).astype("f4").astype("f8")
     send(robot, cloud(points, frame="base_link"))
-    same(robot.plan()["next"], node.plan_over_http(points, CAMERA)[0], 1e-12)
+    same(robot.plan()["next"], node.plan_over_http(points, CAMERA)[0][:1], 1e-12)
     assert robot.parameter("sensor_frame", "").successful
     robot.call("reset")
     send(robot, cloud(points, frame="base_link"))
