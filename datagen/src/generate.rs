@@ -242,6 +242,11 @@ pub fn prepare(job: &Job, program: &str) -> Result<Prepared, GenerateError> {
             formats::run::remove_temporaries(&job.out.join(file));
         }
         let run = RunDir::create_part(job.out, program, job.commit, job.config, &name)?;
+        let mine = job.mine();
+        let made = mine.iter().filter(|object| shard_path(job.out, &object.name).exists()).count();
+        if let Some(mixture) = run.mixture("shards").filter(|_| (1..mine.len()).contains(&made)) {
+            tracing::warn!("{mixture}");
+        }
         Ok(Prepared { run, _lock: lock })
     })
 }

@@ -80,8 +80,9 @@ pub enum HistoryError {
 /// What they do not say stays NaN: coverage and overlap.
 ///
 /// # Errors
-/// The first file that is no frame history, with the frame; two files of one name; a directory with another set or the output
-/// of another program, or in use; a set of another seed or share, or with another object of a file's name; what cannot be written.
+/// A directory without frame histories; the first file that is no frame history, with the frame; two files of one name; a
+/// directory with another set or the output of another program, or in use; a set of another seed or share, or with another
+/// object of a file's name; what cannot be written.
 pub fn import(
     inputs: &[PathBuf],
     out: &Path,
@@ -127,7 +128,13 @@ fn files(inputs: &[PathBuf]) -> Result<BTreeMap<String, PathBuf>, HistoryError> 
     for input in inputs {
         if input.is_dir() {
             let entries = std::fs::read_dir(input).map_err(|e| FormatError::io(input, "read the directory", e))?;
+            let before = files.len();
             files.extend(entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "bin")));
+            if files.len() == before {
+                let (path, found) = (input.clone(), "no file ending in .bin".to_owned());
+                let expected = "frame histories directly in this directory, one .bin file per object";
+                return Err(FormatError::Empty { path, found, expected }.into());
+            }
         } else {
             files.push(input.clone());
         }

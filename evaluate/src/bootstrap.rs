@@ -3,7 +3,6 @@
 use crate::metrics::{Column, Draw, Figure, Runs, efficiency};
 use geometry::rng::stream;
 use rand::RngExt;
-use std::collections::BTreeSet;
 
 /// What is drawn again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,51 +25,70 @@ pub struct Interval {
     pub high: Option<f64>,
 }
 
-/// Draws with repetition for lists of these sizes, the same for every policy: differences stay paired.
-pub fn draws(sizes: &[usize], over: ResampleUnit, resamples: usize, seed: u64) -> Vec<Draw> {
-    let mut rng = stream(seed, "bootstrap");
-    (0..resamples)
-        .map(|_| match over {
-            ResampleUnit::Episodes => sizes
-                .iter()
-                .enumerate()
-                .map(|(object, &n)| (object, (0..n).map(|_| rng.random_range(0..n)).collect()))
-                .collect(),
-            ResampleUnit::Objects => (0..sizes.len())
-                .map(|_| {
-                    let object = rng.random_range(0..sizes.len());
-                    (object, (0..sizes[object]).collect())
-                })
-                .collect(),
+/// Draws with repetition for lists of some sizes, the same for every policy: differences stay paired. They are drawn one at a
+/// time, and anew whenever they are gone through: together they would take as much memory as all episodes times all draws.
+#[derive(Clone, Debug)]
+pub struct Draws {
+    sizes: Vec<usize>,
+    over: ResampleUnit,
+    resamples: usize,
+    seed: u64,
+}
+
+/// Draws for lists of these sizes.
+pub fn draws(sizes: &[usize], over: ResampleUnit, resamples: usize, seed: u64) -> Draws {
+    Draws { sizes: sizes.to_vec(), over, resamples, seed }
+}
+
+impl Draws {
+    /// One after the other, the same ones every time.
+    pub fn iter(&self) -> impl Iterator<Item = Draw> {
+        let mut rng = stream(self.seed, "bootstrap");
+        let sizes = &self.sizes;
+        (0..self.resamples).map(move |_| -> Draw {
+            match self.over {
+                ResampleUnit::Episodes => sizes
+                    .iter()
+                    .enumerate()
+                    .map(|(object, &n)| (object, (0..n).map(|_| rng.random_range(0..n)).collect()))
+                    .collect(),
+                ResampleUnit::Objects => (0..sizes.len())
+                    .map(|_| {
+                        let object = rng.random_range(0..sizes.len());
+                        (object, (0..sizes[object]).collect())
+                    })
+                    .collect(),
+            }
         })
-        .collect()
+    }
 }
 
 /// The value of a statistic of these columns over all episodes, with the interval of its values over the draws.
 fn interval(
     value: Option<f64>,
     columns: &[&Column],
-    draws: &[Draw],
+    draws: &Draws,
     statistic: impl Fn(&Draw) -> Option<f64>,
 ) -> Option<Interval> {
     let value = value?;
     if !differ(columns, draws) {
         return Some(Interval { value, low: None, high: None });
     }
-    let mut values: Vec<f64> = draws.iter().filter_map(statistic).filter(|v| v.is_finite()).collect();
+    let mut values: Vec<f64> = draws.iter().filter_map(|draw| statistic(&draw)).filter(|v| v.is_finite()).collect();
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values.get((share * (values.len().max(1) - 1) as f64).round() as usize).copied();
     Some(Interval { value, low: at(0.025), high: at(0.975) })
 }
 
 /// Whether any draw has other episodes than the rest, of those that have a value in every column.
-fn differ(columns: &[&Column], draws: &[Draw]) -> bool {
-    if draws.windows(2).all(|two| two[0] == two[1]) {
-        return false;
-    }
-    let known = |draw: &Draw| -> BTreeSet<(usize, usize)> {
+fn differ(columns: &[&Column], draws: &Draws) -> bool {
+    let known = |draw: Draw| -> Vec<(usize, usize)> {
         let all = draw.iter().flat_map(|(object, episodes)| episodes.iter().map(move |&e| (*object, e)));
-        all.filter(|&(object, e)| columns.iter().all(|column| column.0[object][e].is_some())).collect()
+        let in_all = |&(object, e): &(usize, usize)| columns.iter().all(|column| column.0[object][e].is_some());
+        let mut known: Vec<_> = all.filter(in_all).collect();
+        known.sort_unstable();
+        known.dedup();
+        known
     };
     let mut sets = draws.iter().map(known).filter(|set| !set.is_empty());
     let first = sets.next();
@@ -78,12 +96,12 @@ fn differ(columns: &[&Column], draws: &[Draw]) -> bool {
 }
 
 /// Interval of a figure's mean.
-pub fn mean_interval(column: &Column, draws: &[Draw]) -> Option<Interval> {
+pub fn mean_interval(column: &Column, draws: &Draws) -> Option<Interval> {
     interval(column.mean(), &[column], draws, |d| column.mean_of(d))
 }
 
 /// Interval of the efficiency.
-pub fn efficiency_interval(runs: &Runs, views_if_unreached: usize, draws: &[Draw]) -> Option<Interval> {
+pub fn efficiency_interval(runs: &Runs, views_if_unreached: usize, draws: &Draws) -> Option<Interval> {
     let [c, v] = [Figure::FinalCoverage, Figure::ViewsTo(90)].map(|f| runs.column(f, views_if_unreached));
     interval(efficiency(c.mean(), v.mean()), &[&c, &v], draws, |d| efficiency(c.mean_of(d), v.mean_of(d)))
 }

@@ -11,7 +11,7 @@ use serde_json::Value;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -61,14 +61,8 @@ impl Journal {
         std::fs::create_dir_all(directory).map_err(io("make the directory of"))?;
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io("open"))?;
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).map_err(io("read"))?;
-        // Bytes that are no text make a line whose checksum says so.
-        let text = String::from_utf8_lossy(&bytes);
-        let whole = text.rfind('\n').map_or(0, |i| i + 1);
-        let contents = parse(&path, &text[..whole], Some(Hashes { settings, placed }))?;
-        let end = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |i| i + 1);
-        file.set_len(end as u64).map_err(io("shorten"))?;
+        let (contents, whole) = parse(&path, BufReader::new(&file), Some(Hashes { settings, placed }))?;
+        file.set_len(whole).map_err(io("shorten"))?;
         file.seek(SeekFrom::End(0)).map_err(io("seek in"))?;
         let journal = Self { path, file: Mutex::new(file) };
         if whole == 0 {
@@ -93,14 +87,12 @@ impl Journal {
 /// What the operating system refuses; a damaged journal.
 pub fn read(directory: &Path) -> Result<Contents, JournalError> {
     let path = directory.join(JOURNAL);
-    let bytes = std::fs::read(&path).map_err(|source| JournalError::Io {
+    let file = File::open(&path).map_err(|source| JournalError::Io {
         path: path.clone(),
         action: "read (is it a folder of `evaluate`?)",
         cause: source,
     })?;
-    let text = String::from_utf8_lossy(&bytes);
-    let whole = text.rfind('\n').map_or(0, |i| i + 1);
-    parse(&path, &text[..whole], None)
+    Ok(parse(&path, BufReader::new(file), None)?.0)
 }
 
 /// The hashes that a journal may begin with.
@@ -159,14 +151,12 @@ fn opened(line: &str) -> Result<Cow<'_, str>, String> {
     }
 }
 
-fn parse(path: &Path, text: &str, hashes: Option<Hashes>) -> Result<Contents, JournalError> {
+/// What a journal holds, read line by line, and the bytes of its whole lines: a last one without an end was cut off.
+fn parse(path: &Path, mut text: impl BufRead, hashes: Option<Hashes>) -> Result<(Contents, u64), JournalError> {
     let mut contents = Contents::default();
     // The final outcome of an episode: it may have been tried again.
     let mut was_run: BTreeMap<EpisodeKey, bool> = BTreeMap::new();
-    let unsealed = text.lines().filter(|line| !line.starts_with(SUM)).count();
-    if unsealed > 0 {
-        tracing::warn!("{path:?}: {unsealed} lines of an older program have no checksum: damage would go unnoticed");
-    }
+    let (mut whole, mut unsealed) = (0, 0);
     let other_settings = |found: &str, expected: &str| JournalError::OtherSettings {
         path: path.to_owned(),
         found: found.to_owned(),
@@ -174,8 +164,17 @@ fn parse(path: &Path, text: &str, hashes: Option<Hashes>) -> Result<Contents, Jo
         differences: String::new(),
     };
     let mut begun = String::new();
-    for (i, line) in text.lines().enumerate() {
-        let entry = entry_in(line).map_err(|message| match i {
+    let mut bytes = Vec::new();
+    for i in 0.. {
+        bytes.clear();
+        let read = text.read_until(b'\n', &mut bytes);
+        read.map_err(|cause| JournalError::Io { path: path.to_owned(), action: "read", cause })?;
+        let Some((b'\n', line)) = bytes.split_last() else { break };
+        whole += bytes.len() as u64;
+        // Bytes that are no text make a line whose checksum says so.
+        let line = String::from_utf8_lossy(line.strip_suffix(b"\r").unwrap_or(line));
+        unsealed += usize::from(!line.starts_with(SUM));
+        let entry = entry_in(&line).map_err(|message| match i {
             0 => no_settings(path, message),
             _ => JournalError::Line { path: path.to_owned(), line: i + 1, message },
         })?;
@@ -204,10 +203,13 @@ fn parse(path: &Path, text: &str, hashes: Option<Hashes>) -> Result<Contents, Jo
             }
         }
     }
+    if unsealed > 0 {
+        tracing::warn!("{path:?}: {unsealed} lines of an older program have no checksum: damage would go unnoticed");
+    }
     contents.episodes.retain(|(r, _)| was_run.get(&r.key) == Some(&true));
     contents.skipped.retain(|s| was_run.get(&s.key) == Some(&false));
     contents.sort();
-    Ok(contents)
+    Ok((contents, whole))
 }
 
 fn entry_in(line: &str) -> Result<Entry, String> {

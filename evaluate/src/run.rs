@@ -106,12 +106,17 @@ pub fn run(
         }
     }
     let mut directory = RunDir::create(out, "evaluate", built::COMMIT, config)?;
+    let mixture = directory.mixture("episodes");
     let total = sources.len() * policies.len() * config.episodes;
     let objects: BTreeSet<&str> = sources.iter().map(|source| source.name.as_str()).collect();
     let wanted = |key: &EpisodeKey| {
         objects.contains(key.object.as_str()) && names.contains(&key.policy) && key.episode < config.episodes
     };
-    watch.begun(total, contents.keys().iter().filter(|k| wanted(k)).count());
+    let done = contents.keys().iter().filter(|k| wanted(k)).count();
+    if let Some(mixture) = mixture.filter(|_| (1..total).contains(&done)) {
+        tracing::warn!("{mixture}");
+    }
+    watch.begun(total, done);
     let outcome = batches::run(&sources, policies, config, networks, &journal, &mut contents, stop, watch)?;
     contents.episodes.retain(|(r, _)| wanted(&r.key));
     contents.skipped.retain(|s| wanted(&s.key));

@@ -60,32 +60,48 @@ pub fn parse_camera(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<Cam
         return Err(FormatError::syntax(path, Place::File, "XML", "OpenCV's FileStorage as YAML: write it to a .yml"));
     }
     let camera = if text.starts_with('{') { json::parse(path, text)? } else { yaml::parse(path, text, name)? };
-    let [fx, fy, _, _] = camera.intrinsics;
-    if !(fx > 0.0 && fy > 0.0 && camera.intrinsics.iter().all(|x| x.is_finite())) {
-        let found = format!("fx, fy, cx, cy = {:?}", camera.intrinsics);
-        return Err(FormatError::syntax(
-            path,
-            Place::Part("camera matrix".into()),
-            found,
-            "finite, fx and fy positive",
-        ));
-    }
+    check_intrinsics(camera.intrinsics)
+        .map_err(|found| FormatError::syntax(path, Place::Part(MATRIX.to_owned()), found, INTRINSICS))?;
     Ok(camera)
 }
 
-/// fx, fy, cx, cy of a 3 x 3 matrix, row by row.
-fn of_matrix(path: &Path, k: &[f64]) -> Result<[f64; 4], FormatError> {
-    let place = || Place::Part("camera matrix".to_owned());
+/// What [`check_intrinsics`] expects.
+pub const INTRINSICS: &str = "fx, fy, cx, cy in pixels: finite, fx and fy positive";
+
+/// Gives back fx, fy, cx, cy in pixels if a camera can have them. The principal point may lie outside of the image, as in one
+/// that was cut out of a larger one.
+///
+/// # Errors
+/// What is found instead of [`INTRINSICS`].
+pub fn check_intrinsics(intrinsics: [f64; 4]) -> Result<[f64; 4], String> {
+    let [fx, fy, ..] = intrinsics;
+    match fx > 0.0 && fy > 0.0 && intrinsics.iter().all(|x| x.is_finite()) {
+        true => Ok(intrinsics),
+        false => Err(format!("fx, fy, cx, cy = {intrinsics:?}")),
+    }
+}
+
+/// What the place of a camera matrix is called, where a file has only one.
+const MATRIX: &str = "camera matrix";
+
+/// fx, fy, cx, cy of a 3 x 3 matrix, row by row, which stands at `place`.
+pub(crate) fn of_matrix(path: &Path, place: Place, k: &[f64]) -> Result<[f64; 4], FormatError> {
+    let wrong = |found: String, expected: &str| Err(FormatError::syntax(path, place, found, expected));
     let &[fx, skew, cx, a, fy, cy, b, c, one] = k else {
-        return Err(FormatError::syntax(path, place(), format!("{} numbers", k.len()), "3 x 3, row by row"));
+        return wrong(format!("{} numbers", k.len()), "3 x 3, row by row");
     };
     if a != 0.0 || b != 0.0 || c != 0.0 || one != 1.0 {
-        return Err(FormatError::syntax(path, place(), format!("{k:?}"), "[fx 0 cx; 0 fy cy; 0 0 1], row by row"));
+        return wrong(format!("camera matrix {k:?}"), "[fx 0 cx; 0 fy cy; 0 0 1], row by row");
     }
     if skew.abs() > 1e-6 * fx.abs() {
-        return Err(FormatError::syntax(path, place(), format!("a skew of {skew}"), "no skew"));
+        return wrong(format!("a skew of {skew}"), "no skew");
     }
-    Ok([fx, fy, cx, cy])
+    check_intrinsics([fx, fy, cx, cy]).or_else(|found| wrong(found, INTRINSICS))
+}
+
+/// A 3 x 3 matrix row by row, given column by column as Open3D stores it.
+pub(crate) fn by_columns(k: &[f64; 9]) -> [f64; 9] {
+    std::array::from_fn(|i| k[i % 3 * 3 + i / 3])
 }
 
 /// A model of distortion by its name.

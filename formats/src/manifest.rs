@@ -136,7 +136,7 @@ pub struct Manifest {
     pub config_hash: String,
     /// The run's seed.
     pub seed: u64,
-    /// Commit of the source tree.
+    /// Commit of the source tree; of a set that several versions made, all of them.
     pub commit: String,
     /// The objects in the order of the work list.
     pub objects: Vec<ObjectRecord>,

@@ -93,6 +93,9 @@ pub struct Provenance {
     pub platform: String,
     /// Number of threads the machine offers.
     pub threads: usize,
+    /// Other versions of the program that worked in this directory before.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub earlier: Vec<String>,
     /// Start, UTC.
     pub started: String,
     /// End, UTC; absent while the run is active, and after a kill.
@@ -116,11 +119,34 @@ impl Provenance {
                 .unwrap_or_else(|_| "unknown".to_owned()),
             platform: format!("{} {}", std::env::consts::ARCH, std::env::consts::OS),
             threads: std::thread::available_parallelism().map_or(1, usize::from),
+            earlier: Vec::new(),
             started: utc(SystemTime::now()),
             ended: None,
             outcome: None,
         }
     }
+
+    /// Program, version and commit, as messages have them.
+    fn version(&self) -> String {
+        named(&self.program, &self.commit)
+    }
+}
+
+fn named(program: &str, commit: &str) -> String {
+    format!("{program} ({commit})")
+}
+
+/// The versions that worked in a directory, as its note tells; what an older program did not note is unknown.
+fn noted(note: &Path) -> Vec<String> {
+    let Ok(bytes) = std::fs::read(note) else { return Vec::new() };
+    let table: toml::Table = String::from_utf8_lossy(&bytes).parse().unwrap_or_default();
+    let text = |key: &str| table.get(key).and_then(toml::Value::as_str);
+    let earlier = table.get("earlier").and_then(toml::Value::as_array).into_iter().flatten();
+    let last = match text("program") {
+        Some(program) => named(program, text("commit").unwrap_or("unknown")),
+        None => "an unknown version".to_owned(),
+    };
+    earlier.filter_map(toml::Value::as_str).map(str::to_owned).chain([last]).collect()
 }
 
 /// A directory that holds all that is needed to repeat a run: `config.toml` (resolved) and `run.toml`.
@@ -152,7 +178,7 @@ impl RunDir {
     }
 
     /// [`RunDir::create`] for one of several processes that share the directory: each has a provenance file of
-    /// its own.
+    /// its own. Versions that a file of this name tells of stay noted ([`Provenance::earlier`]).
     ///
     /// # Errors
     /// What the operating system refuses.
@@ -164,11 +190,14 @@ impl RunDir {
         provenance_name: &str,
     ) -> Result<Self, RunError> {
         atomic_write(&path.join("config.toml"), &crate::config::to_stored(config)?)?;
-        let run = Self {
-            path: path.to_owned(),
-            provenance_name: provenance_name.to_owned(),
-            provenance: Provenance::now(program, commit),
-        };
+        let mut provenance = Provenance::now(program, commit);
+        let now = provenance.version();
+        for version in noted(&path.join(provenance_name)).into_iter().filter(|version| *version != now) {
+            if !provenance.earlier.contains(&version) {
+                provenance.earlier.push(version);
+            }
+        }
+        let run = Self { path: path.to_owned(), provenance_name: provenance_name.to_owned(), provenance };
         run.write_provenance()?;
         Ok(run)
     }
@@ -181,6 +210,21 @@ impl RunDir {
     /// How the run came about.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
+    }
+
+    /// What to tell a user whose directory has work (`episodes`, say) that other versions of the program did, and that this one
+    /// is about to add to; `None` if only this version worked there.
+    pub fn mixture(&self, work: &str) -> Option<String> {
+        let earlier = &self.provenance.earlier;
+        (!earlier.is_empty()).then(|| {
+            format!(
+                "{:?}: {work} were made here by {}, and this is {}: different versions may give different results, which are \
+                 not comparable; give another --out to make all of them with this version",
+                self.path,
+                earlier.join(", "),
+                self.provenance.version()
+            )
+        })
     }
 
     /// Notes the end of the run.

@@ -18,7 +18,6 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use routes::Route;
 use std::convert::Infallible;
 use std::future::{Future, poll_fn};
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
@@ -44,6 +43,8 @@ struct Server {
     service: Arc<Service>,
     /// Work at once: one per core.
     cores: Arc<Semaphore>,
+    /// Who creates or ends a session waits for the disk: one at a time.
+    disk: Arc<Semaphore>,
     connections: Arc<Connections>,
     stop: watch::Receiver<bool>,
 }
@@ -67,13 +68,13 @@ pub fn serve(
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
-        .max_blocking_threads(cores + 2)
+        .max_blocking_threads(cores + 3)
         .enable_io()
         .enable_time()
         .build()?;
     let (told, told_stop) = watch::channel(false);
-    let cores = Arc::new(Semaphore::new(cores));
-    let server = Arc::new(Server { service, cores, connections: Arc::default(), stop: told_stop });
+    let [cores, disk] = [cores, 1].map(|places| Arc::new(Semaphore::new(places)));
+    let server = Arc::new(Server { service, cores, disk, connections: Arc::default(), stop: told_stop });
     runtime.block_on(async {
         let listener = TcpListener::bind(address).await?;
         let _ = print_line(format_args!("listening on http://{}", listener.local_addr()?));
@@ -242,14 +243,16 @@ async fn answer(
     let keep = service.keeps_state();
     let (asked, bytes_len) = (session.clone(), bytes.len());
     let read = move || -> Result<(Option<Ask>, Option<Key>), Refusal> {
-        let key = name.map(|name| key(&name, method, asked.as_deref(), &bytes)).transpose()?;
+        // What is no JSON counts as no body: it is refused, or ends a session, which takes none.
+        let body = || serde_json::from_slice::<Fingerprint>(&bytes).unwrap_or_default();
+        let key = name.map(|name| Key::new(&name, method, asked.as_deref(), &body())).transpose()?;
         if method == Method::Delete {
             return Ok((None, key));
         }
         Ok((Some(Ask::parse(method, Body::Whole(&bytes), false, keep)?), key))
     };
     let (ask, key) = if method == Method::AddScan || bytes_len > TINY {
-        on_a_core(server, &patience, read).await??
+        in_turn(&server.cores, &patience, read).await??
     } else {
         read()?
     };
@@ -262,11 +265,14 @@ async fn answer(
             }
             Err(_) => None,
         };
-        return service.delete(&name, open.as_deref_mut(), key);
+        let worker = server.clone();
+        let end = move || worker.service.delete(&name, open.as_deref_mut(), key);
+        return in_turn(&server.disk, &patience, end).await?;
     };
     patience.set(ask.deadline_ms(), service.limits().max_deadline_ms)?;
     if let Ask::Create(request) = ask {
-        return service.create(request, key);
+        let worker = server.clone();
+        return in_turn(&server.disk, &patience, move || worker.service.create(request, key)).await?;
     }
     let entry = service.entry(session.as_deref())?;
     // What was read is less than might have been.
@@ -277,33 +283,26 @@ async fn answer(
     let mut open = timeout_at(end, entry.open.clone().lock_owned()).await.map_err(|_| Refusal::busy())?;
     let (worker, told) = (server.clone(), patience.clone());
     let work = move || worker.service.work(&entry, &mut open, ask, key, &told, held);
-    on_a_core(server, &patience, work).await?
+    in_turn(&server.cores, &patience, work).await?
 }
 
-/// Waits for a core, as long as the request may take, and works there; also after its client has gone, until it notices.
-async fn on_a_core<T: Send + 'static>(
-    server: &Server,
+/// Waits for one of these places, as long as the request may take, and works on a thread of its own; also after its client has gone,
+/// until it notices.
+async fn in_turn<T: Send + 'static>(
+    places: &Arc<Semaphore>,
     patience: &Patience,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Refusal> {
-    let core = timeout_at(patience.end().into(), server.cores.clone().acquire_owned()).await;
-    let Ok(Ok(core)) = core else { return Err(Refusal::busy()) };
+    let place = timeout_at(patience.end().into(), places.clone().acquire_owned()).await;
+    let Ok(Ok(place)) = place else { return Err(Refusal::busy()) };
     if patience.halted.is_set() {
         return Err(Refusal::stopping());
     }
     let task = tokio::task::spawn_blocking(move || {
-        let _core = core;
+        let _place = place;
         work()
     });
     task.await.map_err(|_| Refusal::internal())
-}
-
-fn key(name: &str, method: Method, session: Option<&str>, body: &[u8]) -> Result<Key, Refusal> {
-    let empty = body.iter().all(u8::is_ascii_whitespace);
-    let body = if empty { Some(Fingerprint::default()) } else { serde_json::from_slice(body).ok() };
-    let mut asked = DefaultHasher::new();
-    (method, session, body).hash(&mut asked);
-    Key::new(name, asked.finish())
 }
 
 fn text(status: StatusCode, kind: &'static str, body: Bytes) -> Response<Full<Bytes>> {

@@ -1,12 +1,13 @@
 //! `--session DIR`: a session that persists from command to command, stored as the service stores its own.
 
 use crate::args::Args;
-use crate::load::{self, Origin};
+use crate::load::{self, Origin, Told};
 use crate::request::{Ask, Body, cloud_body};
 use crate::service::{Entry, Method, Open, Service, ServiceConfig};
 use anyhow::{Context, Result, bail};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use nalgebra::Point3;
 use planning::pose::Pose;
 use planning::{Network, Scan, SessionConfig};
 use serde_json::json;
@@ -52,8 +53,8 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
         service.work(entry, open, ask, None, &service.patience(), spare)
     };
     work(Ask::Configure(Box::new(config.clone())))?;
-    for (before, (path, body)) in bodies.into_iter().enumerate() {
-        let ask = Ask::parse(Method::AddScan, Body::Whole(&body), false, true);
+    for (before, (path, body, told)) in bodies.into_iter().enumerate() {
+        let ask = Ask::parse(Method::AddScan, Body::Whole(&body), false, true).map(|ask| ask.told(told));
         let place = || match before {
             0 => format!("{path:?}"),
             _ => format!("{path:?} (the {before} before it were added: repeat the command without them)"),
@@ -69,37 +70,32 @@ pub fn added(folder: &Path) -> String {
     format!("--session {folder:?}: the scans were added, so repeat the command without them; what failed")
 }
 
-/// The scans of the command line, as requests that hold their files.
-fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, Vec<u8>)>> {
+/// The scans of the command line, as requests that hold their files, each with what is told beside its file.
+fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, Vec<u8>, Told)>> {
     let (of_clouds, of_images) = args.cameras()?;
     let mut bodies = Vec::new();
     for (i, path) in args.scan.iter().enumerate() {
         // Errors are reported in full: the file is the user's.
         let given = args.from.get(i).copied();
         let loaded = match of_clouds.get(i) {
-            Some(pose) => {
-                let loaded = load::cloud_from(path, args.unit, pose)?;
-                if matches!(loaded.scan, Scan::Depth { .. }) && load::cloud(path, args.unit, None)?.scan != loaded.scan
-                {
-                    bail!(
-                        "{path:?}: --session cannot keep the --pose of an organised cloud in its camera's frame: write it into the file's VIEWPOINT"
-                    );
-                }
-                loaded
-            }
+            Some(pose) => load::cloud_from(path, args.unit, pose)?,
             None => load::cloud(path, args.unit, given)?,
         };
-        let told = match (of_clouds.get(i), loaded.scan.camera_position()) {
-            // In the unit of --unit: one that the file names is that of its points alone.
-            (Some(_), Some(from)) => Some(Origin::Point((from / args.unit.unwrap_or_default().metres()).coords.into())),
-            _ => given,
+        // In the unit of --unit: one that the file names is that of its points alone.
+        let in_unit = |from: Point3<f64>| Origin::Point((from / args.unit.unwrap_or_default().metres()).coords.into());
+        let (from, world_from_camera) = match (of_clouds.get(i), &loaded.scan) {
+            (Some(_), Scan::Depth { world_from_camera, .. }) => (None, Some(*world_from_camera)),
+            (Some(_), scan) => (scan.camera_position().map(in_unit), None),
+            (None, _) => (given, None),
         };
-        bodies.push((path.as_path(), cloud_body(path, args.unit, told, args.table_angle_deg.get(i).copied())?));
+        let body = cloud_body(path, args.unit, from, args.table_angle_deg.get(i).copied())?;
+        bodies.push((path.as_path(), body, Told { notes: loaded.named(path).reading.notes, world_from_camera }));
     }
     let camera = crate::program::depth_camera(args)?;
     for (i, (path, pose)) in args.depth.iter().zip(of_images).enumerate() {
         // Errors are reported in full; the file is kept as it came.
-        load::depth(path, args.depth_unit, pose, camera, config.misses)?;
+        let loaded = load::depth(path, args.depth_unit, pose, camera, config.misses)?.named(path);
+        let told = Told { notes: loaded.reading.notes, world_from_camera: None };
         let (world_from_camera, camera) = load::placed_camera(path, pose, camera)?;
         let bytes = STANDARD.encode(load::named_bytes(path)?);
         let is_png = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
@@ -114,7 +110,8 @@ fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, V
         });
         depth[if is_png { "png_base64" } else { "npy_base64" }] = bytes.into();
         let angle = args.table_angle_deg.get(args.scan.len() + i);
-        bodies.push((path.as_path(), json!({ "depth": depth, "table_angle_deg": angle }).to_string().into_bytes()));
+        let body = json!({ "depth": depth, "table_angle_deg": angle }).to_string().into_bytes();
+        bodies.push((path.as_path(), body, told));
     }
     Ok(bodies)
 }

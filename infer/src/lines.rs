@@ -11,7 +11,6 @@ use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as NameError;
 use serde_json::Value;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{BufRead, Error, Read, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -198,9 +197,7 @@ fn handle(service: &Service, request: &Line, line: &[u8]) -> Result<Reply, Refus
     let named = Method::deserialize(IntoDeserializer::<NameError>::into_deserializer(request.method.as_str()));
     let method = named.map_err(|e| Refusal::new(400, "bad_request", format!("method: {e}")))?;
     let session = request.session.as_deref();
-    let mut asked = DefaultHasher::new();
-    (method, session, request.params).hash(&mut asked);
-    let key = request.request_id.as_ref().map(|name| Key::new(name, asked.finish())).transpose()?;
+    let key = request.request_id.as_ref().map(|name| Key::new(name, method, session, &request.params)).transpose()?;
     direct::answer(service, method, session, Body::Line(line), key)
 }
 

@@ -3,9 +3,11 @@
 mod organised;
 mod origin;
 mod poses;
+mod told;
 
 pub use origin::Origin;
 pub use poses::{PoseFile, poses, read_pose, rigid};
+pub(crate) use told::Told;
 
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
@@ -36,8 +38,8 @@ pub fn cloud(path: &Path, unit: Option<Unit>, from: Option<Origin>) -> Result<Lo
     Ok(from_cloud_file(in_known_unit(path, read_cloud(path)?, unit)?, unit).seen_from(from, unit))
 }
 
-/// Largest file that a request may name, bytes.
-const NAMED: u64 = 1 << 30;
+/// Largest file that a request may name, bytes: one that a session keeps, in base64, is read again under the largest `service.body_mib`.
+const NAMED: u64 = 760 << 20;
 
 /// A file that a request names: a regular one, no device or pipe.
 pub fn named_bytes(path: &Path) -> Result<Vec<u8>> {
@@ -133,6 +135,12 @@ fn leave_out_camera(file: &mut CloudFile) -> Option<String> {
 }
 
 impl Loaded {
+    /// The same, its notes naming the file.
+    pub(crate) fn named(mut self, path: &Path) -> Self {
+        self.reading.notes.iter_mut().for_each(|note| *note = format!("{path:?}: {note}"));
+        self
+    }
+
     /// With the camera's position, in metres unless a unit is given: one that the file names is that of its columns alone. Said
     /// where an organised cloud proves another position.
     fn seen_from(mut self, given: Option<Origin>, unit: Option<Unit>) -> Self {

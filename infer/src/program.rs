@@ -259,9 +259,8 @@ fn add_scans(session: &mut Session, args: &Args) -> Result<()> {
 }
 
 fn add(session: &mut Session, path: &Path, loaded: Loaded, table_angle_deg: Option<&f64>) -> Result<()> {
-    let Loaded { scan, mut reading } = loaded;
+    let Loaded { scan, mut reading } = loaded.named(path);
     reading.table_angle_deg = table_angle_deg.copied();
-    reading.notes.iter_mut().for_each(|note| *note = format!("{path:?}: {note}"));
     let report = session.add_scan_within(scan, reading, &Budget::default()).with_context(|| format!("{path:?}"))?;
     tracing::info!("{path:?}: {}", report.describe());
     Ok(())

@@ -86,7 +86,8 @@ fn page_data(answer: &Answer, input: &ReportInput) -> serde_json::Value {
         "normals": directions(&mut (0..cloud.len()).map(|i| cloud.normals.get(i).copied().unwrap_or_default())),
         "boundary": STANDARD.encode(boundary),
         "expected": quantized(&mut expected.iter().map(|e| e.0)), "outwards": directions(&mut expected.iter().map(|e| e.1)),
-        "born": STANDARD.encode(first_scans(input.session)), "scans": answer.cloud.scans, "coverage": input.coverage,
+        "born": STANDARD.encode(first_scans(input.session).into_iter().flat_map(u32::to_le_bytes).collect::<Vec<u8>>()),
+        "scans": answer.cloud.scans, "coverage": input.coverage,
         "center": [center.x, center.y, center.z], "scale": scale,
         "radius": 0.5 * (high - low).norm(), "spacing": answer.cloud.spacing_m,
         "candidates": candidates, "past": past,
@@ -106,7 +107,7 @@ fn before(state: &ScanState) -> Vec<usize> {
 }
 
 /// For each point of the cloud the first scan, from 0, that measured something there.
-fn first_scans(session: &Session) -> Vec<u8> {
+fn first_scans(session: &Session) -> Vec<u32> {
     let (state, cloud) = (session.state(), session.cloud());
     let reach = 0.75 * state.grid_size;
     let mut first = vec![None; cloud.len()];
@@ -114,7 +115,6 @@ fn first_scans(session: &Session) -> Vec<u8> {
     // One that was kept aside comes after later ones.
     scans.sort_by_key(|(k, _)| *k);
     for (k, scan) in scans {
-        let Ok(k) = u8::try_from(k) else { break };
         let measured = match &scan.seen {
             Seen::Depth { camera, depth, .. } => &depth.to_points(camera, &scan.world_from_camera),
             Seen::Points(points) => points,
@@ -124,7 +124,7 @@ fn first_scans(session: &Session) -> Vec<u8> {
         }
         let near = NeighborGrid::new(measured, reach);
         for (first, p) in first.iter_mut().zip(&cloud.points).filter(|(first, _)| first.is_none()) {
-            *first = near.any_within(p, reach).then_some(k);
+            *first = near.any_within(p, reach).then_some(k as u32);
         }
     }
     first.into_iter().map(|k| k.unwrap_or_default()).collect()

@@ -4,7 +4,7 @@ mod scan;
 
 pub use scan::{Unit, cloud_body};
 
-use crate::load::Loaded;
+use crate::load::{Loaded, Told};
 use crate::service::{BoundedJson, Method, OnDeadline, Refusal, Written};
 use formats::config::overlaid;
 use planning::SessionConfig;
@@ -118,8 +118,8 @@ impl Ask {
                     return Self::parse(method, Body::Whole(&whole), false, true);
                 }
                 let written = keep.then(|| match body {
-                    Body::Whole(bytes) => Written { line: false, bytes: bytes.to_vec() },
-                    Body::Line(bytes) => Written { line: true, bytes: bytes.to_vec() },
+                    Body::Whole(bytes) => Written { line: false, bytes: bytes.to_vec(), told: None },
+                    Body::Line(bytes) => Written { line: true, bytes: bytes.to_vec(), told: None },
                 });
                 let misses_by_settings = request.depth.as_ref().is_some_and(|d| d.0.misses.is_none());
                 let deadline_ms = request.deadline_ms;
@@ -131,6 +131,18 @@ impl Ask {
             Method::Mesh => nothing(Self::Mesh),
             _ => nothing(Self::Export),
         }
+    }
+
+    /// A scan of which this is told beside its request, and kept with it.
+    #[must_use]
+    pub fn told(mut self, told: Told) -> Self {
+        if let Self::AddScan { scan, written, .. } = &mut self {
+            told.lay_over(scan);
+            if let Some(written) = written {
+                written.told = Some(told);
+            }
+        }
+        self
     }
 
     /// Memory that doing it may need beside what the session holds already, bytes.

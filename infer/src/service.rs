@@ -5,6 +5,7 @@ mod config;
 mod fingerprint;
 mod memory;
 mod refusal;
+mod sessions;
 mod settings;
 mod store;
 mod time;
@@ -20,15 +21,13 @@ pub use store::{Store, Written};
 pub use time::{Flag, OnDeadline, Patience};
 pub use work::Open;
 
-use crate::request::{CreateRequest, over};
-use answers::Kept;
 use hyper::body::Bytes;
 use planning::config::MAX_POINTS;
 use planning::session::ViewCheck;
 use planning::{Network, SessionConfig, SessionError};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::collections::BTreeMap;
+use sessions::Sessions;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -65,7 +64,7 @@ impl Reply {
 }
 
 /// What can be asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
     /// Is the service there?
@@ -128,20 +127,6 @@ pub enum Asks {
     WhereRequested,
 }
 
-#[derive(Default)]
-struct Sessions {
-    last: u64,
-    open: BTreeMap<u64, Arc<Entry>>,
-    /// To those who opened or ended a session.
-    answers: Answers,
-}
-
-impl Sessions {
-    fn names(&self) -> Vec<String> {
-        self.open.keys().map(u64::to_string).collect()
-    }
-}
-
 /// All sessions.
 pub struct Service {
     config: SessionConfig,
@@ -150,6 +135,8 @@ pub struct Service {
     memory: Memory,
     store: Option<Store>,
     sessions: Mutex<Sessions>,
+    /// Of who creates or ends a session, one at a time: taken before that of the sessions, which the disk never holds up.
+    turn: Mutex<()>,
     count: AtomicUsize,
     check: Option<(ViewCheck, Asks)>,
     /// Nothing new is begun.
@@ -184,8 +171,8 @@ impl Service {
     pub fn new(config: SessionConfig, network: Option<Network>, limits: ServiceConfig) -> Self {
         let (memory, count) = (Memory::new(limits.memory_mib), AtomicUsize::new(0));
         let [stopping, halted] = [Flag::default(), Flag::default()];
-        let (store, check, sessions) = (None, None, Mutex::default());
-        Self { config, network, limits, memory, store, sessions, count, check, stopping, halted }
+        let (store, check, sessions, turn) = (None, None, Mutex::default(), Mutex::default());
+        Self { config, network, limits, memory, store, sessions, turn, count, check, stopping, halted }
     }
 
     /// The same where somebody knows which views can be taken.
@@ -201,8 +188,7 @@ impl Service {
     /// The folder is in use, or cannot be read.
     pub fn keeping_state(mut self, folder: &Path) -> anyhow::Result<Self> {
         let (store, found) = Store::open(folder)?;
-        let answers = Answers::from_disk(found.answers);
-        let mut sessions = Sessions { last: found.last, answers, ..Sessions::default() };
+        let mut sessions = Sessions::known(found.last, Answers::from_disk(found.answers));
         for (id, scans) in found.sessions {
             let scans = scans.unwrap_or_else(|error| {
                 tracing::warn!("session {id}: {error}");
@@ -263,88 +249,6 @@ impl Service {
     /// Names of the open sessions, in the order in which they were opened.
     pub fn names(&self) -> Vec<String> {
         lock(&self.sessions).names()
-    }
-
-    /// A new session.
-    ///
-    /// # Errors
-    /// Bad settings, or too many sessions.
-    pub fn create(&self, request: CreateRequest, key: Option<Key>) -> Result<Reply, Refusal> {
-        let mut sessions = lock(&self.sessions);
-        if let Some(known) = sessions.answers.find(key.as_ref()) {
-            return known;
-        }
-        let answer = self.open(&mut sessions, request, key.as_ref());
-        sessions.answers.keep(key, &answer);
-        answer
-    }
-
-    fn open(&self, sessions: &mut Sessions, request: CreateRequest, key: Option<&Key>) -> Result<Reply, Refusal> {
-        let config = over(&self.config, request.config)?;
-        check(&config)?;
-        if sessions.open.len() >= self.limits.sessions {
-            let longest = sessions.open.iter().map(|(id, e)| (*lock(&e.used), id)).min();
-            let longest = longest.map_or(String::new(), |(used, id)| {
-                format!(" (longest unused: {id}, for {} s)", used.elapsed().as_secs())
-            });
-            let most = self.limits.sessions;
-            let message = format!("{most} sessions are open, which is the maximum: delete finished ones{longest}");
-            return Err(Refusal::new(429, "too_many_sessions", message));
-        }
-        let open = Open::empty(config, self.network.clone(), &self.memory)?;
-        sessions.last += 1;
-        let id = sessions.last;
-        let reply = Reply { status: 201, ..Reply::of(&json!({ "session": id.to_string() }))? };
-        let open = open.created_by(key.map(|key| Kept::new(key.clone(), &reply)));
-        if let Some(store) = &self.store {
-            store.create(id, &open.record(), sessions.answers.to_disk())?;
-        }
-        sessions.open.insert(id, Arc::new(Entry::new(id, open, 0)));
-        self.count.store(sessions.open.len(), Ordering::Relaxed);
-        Ok(reply)
-    }
-
-    /// The session that was opened first; a new one where there is none.
-    ///
-    /// # Errors
-    /// As [`Service::create`].
-    pub fn first(&self) -> Result<Arc<Entry>, Refusal> {
-        let mut sessions = lock(&self.sessions);
-        if sessions.open.is_empty() {
-            self.open(&mut sessions, CreateRequest::default(), None)?;
-        }
-        sessions.open.values().next().cloned().ok_or_else(Refusal::internal)
-    }
-
-    /// Ends a session, whose lock the caller holds: who worked on it has ended his request, and who waits for it finds it gone.
-    /// `open` is none where there is no such session: then the request may be one that was answered before.
-    ///
-    /// # Errors
-    /// There is none of this name, or it cannot be removed from disk.
-    pub fn delete(&self, name: &str, open: Option<&mut Open>, key: Option<Key>) -> Result<Reply, Refusal> {
-        let mut sessions = lock(&self.sessions);
-        if let Some(known) = sessions.answers.find(key.as_ref()) {
-            return known;
-        }
-        let id = name.parse::<u64>().ok().filter(|id| sessions.open.contains_key(id));
-        let answer = id.zip(open).ok_or_else(|| unknown(name)).and_then(|(id, open)| {
-            let reply = Reply::of(&json!({ "deleted": name }))?;
-            match (&self.store, &key) {
-                (Some(store), Some(key)) => {
-                    let mut answers = sessions.answers.to_disk();
-                    answers.push(Kept::new(key.clone(), &reply));
-                    store.delete(id, sessions.last, answers)?;
-                }
-                (Some(store), None) => store.remove(id)?,
-                (None, _) => {}
-            }
-            open.end();
-            sessions.open.remove(&id);
-            self.count.store(sessions.open.len(), Ordering::Relaxed);
-            Ok(reply)
-        });
-        sessions.answers.keep(key, &answer);
-        answer
     }
 
     /// The session of this name.

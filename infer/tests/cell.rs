@@ -162,6 +162,16 @@ fn a_session_keeps_images_as_they_came_and_undistorts_them_alike() {
     assert_eq!(kept["cloud"]["points_used"], once["cloud"]["points_used"]);
     // The pose is written as a matrix and read again.
     assert!((0..6).all(|k| (corner(&kept, k) - corner(&once, k)).abs() < 1e-12), "kept with its lens: {kept}");
+    // What contradicts the file of the pose is warned of in a session, too, whenever it is read.
+    let other = format!("{},{fy},{cx},{cy}", fx + 5.0);
+    let contradicting = ["--depth", &image, "--pose", &pose, "--intrinsics", &other];
+    let session = at("warned").display().to_string();
+    let kept = [&contradicting[..], &["--session", &session]].concat();
+    for arguments in [&contradicting[..], &kept[..], &["--session", &session]] {
+        let warnings = answer(arguments)["warnings"].to_string();
+        let told = warnings.contains("depth3.png") && warnings.contains("were used as --intrinsics says");
+        assert!(told, "{arguments:?}: {warnings}");
+    }
     let far = answer(
         &[&given[..], &["--set", "sensor.max_range_m=0.5", "--distance", "0.4", "--set", "min_points=0"]].concat(),
     );

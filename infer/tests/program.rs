@@ -150,20 +150,46 @@ fn a_session_takes_a_pose_in_metres_beside_a_cloud_that_names_its_unit() {
     assert_eq!((&kept["evidence"], &kept["candidates"]), (&once["evidence"], &once["candidates"]));
 }
 
-#[test]
-fn what_an_organised_cloud_leaves_out_is_unknown_on_every_way_in() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let at = |name: &str| folder.path().join(name).display().to_string();
-    let (session, cloud) = (at("part"), at("organised.pcd"));
-    // A shallow bowl, seen by a pinhole camera from where its numbers begin; around it there is nothing.
+/// A PCD of a shallow bowl, seen by a pinhole camera from where its numbers begin; around it there is nothing.
+fn organised(viewpoint: &str) -> String {
     let row = |i: u32| {
         let (x, y) = ((f64::from(i % 64) - 31.5) / 55.0, (f64::from(i / 64) - 23.5) / 55.0);
         let z = 0.6 + 0.1 * (x * x + y * y);
         if x.hypot(y) < 0.3 { format!("{} {} {z}\n", x * z, y * z) } else { "nan nan nan\n".to_owned() }
     };
-    let head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 64\nHEIGHT 48\n\
-                VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3072\nDATA ascii\n";
-    std::fs::write(&cloud, head.to_owned() + &(0..64 * 48).map(row).collect::<String>()).expect("written");
+    let head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 64\nHEIGHT 48\n";
+    let rows: String = (0..64 * 48).map(row).collect();
+    format!("{head}VIEWPOINT {viewpoint}\nPOINTS 3072\nDATA ascii\n{rows}")
+}
+
+#[test]
+fn a_session_keeps_the_pose_of_an_organised_cloud_in_its_cameras_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (session, cloud) = (at("part"), at("organised.pcd"));
+    // The file tells another pose, from which its points lie behind.
+    std::fs::write(&cloud, organised("0 0 5 1 0 0 0")).expect("written");
+    let pose = ["--pose", "0.1,0.2,0.3,0,0.6,0,0.8"];
+    let once = answer(&pose, &[&cloud]);
+    assert_eq!(once["evidence"], "depth", "{once}");
+    assert_ne!(once["candidates"], answer(&[], &[&cloud])["candidates"], "the pose counts");
+    assert!(once["warnings"].to_string().contains("the pose given was used instead"), "{}", once["warnings"]);
+    let kept = answer(&[&pose[..], &["--session", &session]].concat(), &[&cloud]);
+    let again = Command::new(env!("CARGO_BIN_EXE_infer")).args(["--session", &session, "--json"]).output();
+    let again: serde_json::Value = serde_json::from_slice(&again.expect("infer runs").stdout).expect("an answer");
+    for (answer, when) in [(kept, "as it is added"), (again, "read again")] {
+        for key in ["evidence", "candidates", "warnings"] {
+            assert_eq!(answer[key], once[key], "{key}, {when}");
+        }
+    }
+}
+
+#[test]
+fn what_an_organised_cloud_leaves_out_is_unknown_on_every_way_in() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (session, cloud) = (at("part"), at("organised.pcd"));
+    std::fs::write(&cloud, organised("0 0 0 1 0 0 0")).expect("written");
     let once = answer(&["--misses", "free"], &[&cloud]);
     assert_eq!(once["evidence"], "depth", "{once}");
     let kept = answer(&["--session", &session, "--misses", "free"], &[&cloud]);

@@ -251,7 +251,7 @@ fn sessions_survive_a_sudden_end() {
         .args(["--serve", "--http", "127.0.0.1:0", "--state", &state])
         .output()
         .expect("runs");
-    assert!(String::from_utf8_lossy(&second.stderr).contains("another infer"), "one at a time");
+    assert!(String::from_utf8_lossy(&second.stderr).contains("in use by another process (infer"), "one at a time");
     server.process.kill().expect("SIGKILL");
     server.process.wait().expect("gone");
 

@@ -302,6 +302,9 @@ fn travel_needs_to_know_from_where() {
     config.constraints.max_travel_m = Some(1.0);
     let unknown = ask(config.clone(), vec![scan(cap(3_000), None)]);
     assert_eq!(unknown, Err(SessionError::NoCurrentPosition), "the camera is nowhere");
+    let far = Some(Point3::new(0.0, 0.0, 1200.0));
+    let Err(doubted) = ask(config.clone(), vec![scan(cap(3_000), far)]) else { panic!("given in millimetres") };
+    assert!(doubted.to_string().contains("that of scan 1 is not believed: it is "), "{doubted}");
     config.constraints.current_position_m = Some(camera().coords.into());
     assert!(ask(config, vec![scan(cap(3_000), None)]).is_ok(), "the setting says where");
 }

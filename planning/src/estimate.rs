@@ -29,6 +29,9 @@ const EDGE: f64 = 0.2;
 const TRIMMED: f64 = 0.2;
 /// Weight of what the edges say of the side, beside the logarithm of what the density says.
 const EDGES: f64 = 2.0;
+/// Normals that are compared with each other, about, and the cosine from which two tell the same (15 degrees).
+const COMPARED: usize = 300;
+const ALIKE: f64 = 0.966;
 /// Directions that are tried for the cameras of a merged cloud.
 const DIRECTIONS: usize = 200;
 /// Cosine between normal and direction under which a point does not count as seen.
@@ -48,7 +51,7 @@ pub fn estimated_scans(cloud: &mut PointCloud, measured: &[Point3<f64>], distanc
     let Some(mean) = sum.try_normalize(1e-9) else { return Vec::new() };
     let samples = Samples::of(cloud, measured, spacing, usize::MAX);
     let told = samples.direction(distance);
-    let trust = told.as_ref().map_or(Trust { misfit: 1.0, against_other_side: 1.0 }, |fit| fit.trust);
+    let trust = told.as_ref().map_or(Trust { misfit: 1.0, against_other_side: 1.0, span: 0.0 }, |fit| fit.trust);
     let told = told.filter(|fit| fit.trust.misfit < MISFIT).map(|fit| middle + distance * fit.direction);
     // Evened out before, it has no density to tell by: then its normals do, and its edges.
     let eye = told.filter(|eye| unhidden(cloud, eye, spacing) >= UNHIDDEN).or_else(|| {
@@ -113,8 +116,19 @@ impl<'a> Samples<'a> {
         let by_density = better.trimmed / worse.trimmed.max(f64::MIN_POSITIVE);
         let evidence = EDGES * turning_away(&self.edges, &better.direction) - by_density.ln();
         let (taken, by_density) = if evidence < 0.0 { (worse, by_density.recip()) } else { (better, by_density) };
-        let trust = Trust { misfit: taken.misfit, against_other_side: (-evidence.abs()).exp() };
+        let trust = Trust { misfit: taken.misfit, against_other_side: (-evidence.abs()).exp(), span: self.span() };
         Some(Told { direction: taken.direction, by_density, trust })
+    }
+
+    /// [`Trust::span`].
+    fn span(&self) -> f64 {
+        let mut normals: Vec<&Vector3<f64>> = self.inner.iter().map(|(_, n, _)| n).collect();
+        let squares = normals.iter().map(|n| *n * n.transpose()).sum::<Matrix3<f64>>();
+        let least = squares.symmetric_eigenvalues().min().max(0.0) / normals.len().max(1) as f64;
+        normals = normals.into_iter().step_by(self.inner.len().div_ceil(COMPARED).max(1)).collect();
+        let alike = |a: &Vector3<f64>| normals.iter().filter(|b| a.dot(b).abs() > ALIKE).count();
+        let pairs = normals.iter().map(|n| alike(n)).sum::<usize>();
+        least * (normals.len() * normals.len()) as f64 / pairs.max(1) as f64
     }
 
     /// Root of the share of the density that a camera at `eye` does not explain, in [0, 1].

@@ -39,8 +39,9 @@ pub use placing::Placed;
 pub use request::Request;
 pub use scan_plan::{PlannedView, ScanPlan};
 
-/// A camera within this share of the working distance of a given view has scanned from there.
-const SAME_PLACE: f64 = 2e-3;
+/// A camera within this share of the working distance of a given view has scanned from there: robots report a taught pose a millimetre or two
+/// off.
+const SAME_PLACE: f64 = 5e-3;
 
 /// The scans of one object so far, and the planners' memory of them.
 ///
@@ -286,7 +287,9 @@ impl Session {
         self.compare_scans();
         let current = self.camera_now(request.current_position_m);
         if self.config.constraints.needs_current_position() && current.is_none() {
-            return Err(SessionError::NoCurrentPosition);
+            let doubted = self.latest().and_then(|scan| Some((scan.number, scan.doubt.clone()?)));
+            let doubted = doubted.map(|(number, why)| SessionError::DoubtedPosition { number, why });
+            return Err(doubted.unwrap_or(SessionError::NoCurrentPosition));
         }
         let choice = self.planners.choose(&self.state)?;
         self.state.budget = request.budget.clone();

@@ -16,7 +16,7 @@ create_exception!(
     benbv,
     PlanError,
     PyRuntimeError,
-    "There is no answer: no scan yet, a planner that cannot work on these scans, a policy that fails."
+    "There is no answer: no scan yet, a scan that cannot be registered, a planner that cannot work on these scans, a policy that fails."
 );
 
 /// What went wrong.
@@ -59,7 +59,8 @@ impl From<SessionError> for Fault {
             SessionError::Config(_)
             | SessionError::TooFewPoints { .. }
             | SessionError::TooSmall { .. }
-            | SessionError::NoCurrentPosition => Self::Value(message),
+            | SessionError::NoCurrentPosition
+            | SessionError::DoubtedPosition { .. } => Self::Value(message),
             _ => Self::Plan(message),
         }
     }

@@ -8,6 +8,7 @@ use infer::changed_settings;
 use infer::load::{DepthCamera, Loaded, Origin};
 use infer::plan::Planned;
 use nalgebra::Isometry3;
+use numpy::PyArray2;
 use planning::session::{AskedView, Request, Verdict, ViewCheck};
 use planning::{Budget, NoReturn, Reading, Scan, SessionConfig};
 use pyo3::exceptions::PyTypeError;
@@ -109,7 +110,7 @@ impl RobotSession {
             }
             let mut session = lock(&self.session);
             *lock(&self.owner) = Some(me);
-            let scans = session.num_scans();
+            let (scans, rejected_from) = (session.num_scans(), session.rejected_from().to_vec());
             let mut broke = true;
             let done = guarded(|| {
                 let done = work(&mut session);
@@ -118,6 +119,7 @@ impl RobotSession {
             });
             let restore = |session: &mut planning::Session| {
                 session.restore(scans);
+                session.set_rejected_from(rejected_from);
                 Ok(())
             };
             if broke && guarded(|| restore(&mut session)).is_err() {
@@ -295,6 +297,21 @@ impl RobotSession {
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
         self.work(py, |session| {
             session.reset();
+            Ok(())
+        })
+    }
+
+    /// (N, 3): where rejected scans were taken that views keep away from, for who saves the session.
+    fn rejected_from<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let places = self.work(py, |session| Ok(session.rejected_from().to_vec()))?;
+        arrays::of_points(py, places)
+    }
+
+    /// The same, of a session that was saved.
+    fn set_rejected_from(&self, py: Python<'_>, places: &Bound<'_, PyAny>) -> PyResult<()> {
+        let places = arrays::points("rejected_from", places)?;
+        self.work(py, |session| {
+            session.set_rejected_from(places);
             Ok(())
         })
     }

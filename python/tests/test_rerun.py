@@ -44,3 +44,6 @@ def test_cloud_candidates_and_next_view_are_logged(sheet, logged):
     module.log(session, session.next_view(reachable=lambda pose: False), path="cell")
     (kind, _, _), = entities["cell/next"]
     assert kind == "Clear", "no view is left"
+    entities.clear()
+    module.log(session, benbv.View({**view.raw, "candidates": [], "next": None}, "no boundary"))
+    assert [kind for kind, _, _ in entities["benbv/candidates"]] == ["Clear"], "those of the view before are gone"

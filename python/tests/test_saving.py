@@ -38,6 +38,46 @@ def test_ctrl_c_while_a_scan_is_added_loses_no_scan(sheet, tmp_path):
     assert len(again) == 1 and again.next_view() == session.next_view()
 
 
+def test_places_of_rejected_scans_are_saved(sheet, tmp_path):
+    session = benbv.Session(0.8, config={"registration": {"register": "refine", "registrability": "off"}})
+    session.add_points(sheet, origin=(0.06, 0.06, 0.8))
+    before = session.next_view()
+    # A wall half a metre behind what is aimed at.
+    with pytest.raises(benbv.PlanError, match="cannot be registered"):
+        session.add_depth(np.full((30, 40), 1.3), (300, 300, 20, 15), before.world_from_camera)
+    view = session.next_view()
+    again = next(c for c in view.candidates if np.array_equal(c.position, before.next.position))
+    assert [o.constraint for o in again.objections] == ["registrability"]
+    path = tmp_path / "part.npz"
+    session.save(path)
+    assert benbv.Session.load(path).next_view() == view
+    with np.load(path) as members:
+        older = {name: members[name] for name in members if name != "rejected_from"}
+    np.savez(path, **older)
+    assert benbv.Session.load(path).next_view() == before, "of files that do not tell"
+
+
+class Watched:
+    """A native session that tells whether it is configured while nobody else adds or takes away scans."""
+
+    def __init__(self, session):
+        self.session, self.native, self.alone = session, session._native, []
+
+    def __getattr__(self, name):
+        return getattr(self.native, name)
+
+    def configure(self, changes):
+        self.alone.append(self.session._lock.locked())
+        self.native.configure(changes)
+
+
+def test_settings_do_not_change_between_keeping_a_scan_and_adding_it():
+    session = benbv.Session(0.8)
+    session._native = watched = Watched(session)
+    session.configure(stop_below=0.02)
+    assert watched.alone == [True] and session.config["stop_below"] == 0.02
+
+
 def test_numbers_of_numpy_are_saved(sheet, tmp_path):
     turning = benbv.Session(0.8, config={"turntable": {"stops_deg": [0, 90], "axis_point_m": [0.06, 0.06, 0]}})
     for angle in np.arange(0, 180, 90):

@@ -21,6 +21,9 @@ pub struct Used {
     /// What it was made of.
     #[serde(flatten)]
     pub made_of: MadeOf,
+    /// Why it could not be registered and is not in the session; absent where it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rejected: Option<String>,
 }
 
 /// The view to take: none where none is left, or none is worth it.

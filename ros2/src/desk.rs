@@ -25,7 +25,8 @@ pub struct Published {
 /// What happens between one request and the next.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pending {
-    /// A scan was added, and no view was had for it: the next `plan` takes no other first, as long as the session is still this one.
+    /// A scan was added or rejected, and no view was had after it: the next `plan` takes no other first, as long as the session is still
+    /// this one.
     scan_without_view: Option<SessionInfo>,
 }
 
@@ -94,8 +95,11 @@ impl Desk<'_> {
         };
         pending.scan_without_view = Some(self.planner.session()?);
         let body = self.planner.ask(Ask::NextView, b"").map_err(|why| {
-            let added = if used.is_some() { "the scan was added, but planning failed (plan again): " } else { "" };
-            Refused { message: format!("{added}{}", why.message), ..why }
+            let taken = used.as_ref().map_or_else(String::new, |used| match &used.rejected {
+                None => "the scan was added, but planning failed (plan again): ".to_owned(),
+                Some(reason) => format!("the scan was rejected ({reason}), and planning failed (plan again): "),
+            });
+            Refused { message: format!("{taken}{}", why.message), ..why }
         })?;
         let answer: Answer = serde_json::from_slice(&body).map_err(|e| unreadable(&e))?;
         let known: Known = serde_json::from_slice(&self.planner.ask(Ask::Export, b"")?).map_err(|e| unreadable(&e))?;
@@ -109,20 +113,30 @@ impl Desk<'_> {
         Ok((report(&answer, &header.frame_id, &session, used.as_ref(), &notes), published))
     }
 
+    /// Adds the newest scan. One that is rejected because it cannot be registered has been taken too: it would be rejected again, whereas
+    /// the next view looks elsewhere.
     fn add_scan(&self, config: &Ros2Config, notes: &mut Vec<String>) -> Result<Used, Refused> {
-        #[derive(Deserialize)]
+        #[derive(Default, Deserialize)]
         struct Added {
             #[serde(default)]
             notes: Vec<String>,
         }
         let mut ready = self.inbox.ready(config, self.stop)?;
         let ScanRequest { body, made_of } = request(&ready, config.rectified)?;
-        let added = self.planner.ask(Ask::AddScan, &body)?;
+        let mut used = Used { made_of, ..ready.used };
+        let added = match self.planner.ask(Ask::AddScan, &body) {
+            Ok(added) => serde_json::from_slice(&added).map_err(|e| unreadable(&e)),
+            Err(why) if why.code == Refused::UNREGISTERED => {
+                used.rejected = Some(why.message);
+                Ok(Added::default())
+            }
+            Err(why) => return Err(why),
+        };
         self.inbox.mark_used(ready.number);
-        let added: Added = serde_json::from_slice(&added).map_err(|e| unreadable(&e))?;
+        let added = added?;
         notes.append(&mut ready.notes);
         notes.extend(added.notes);
-        Ok(Used { made_of, ..ready.used })
+        Ok(used)
     }
 
     /// Takes the last scan back, or forgets all.

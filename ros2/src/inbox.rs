@@ -247,16 +247,23 @@ fn placed(received: &Received, config: &Ros2Config, arrived: Arrived) -> Result<
         Ok(found)
     };
     let base_from_frame = lookup(&frame_id)?.pose;
+    let in_base = config.sensor_frame.is_empty() && plain(base) == plain(&frame_id);
     let base_from_sensor = match config.sensor_frame.as_str() {
-        // Points in the base frame were brought there from somewhere.
-        "" if plain(base) == plain(&frame_id) => None,
+        // Points in the base frame were brought there from somewhere; an image is in the frame of its camera.
+        "" if in_base && camera.is_none() => None,
         "" => Some(base_from_frame),
         sensor => Some(lookup(sensor)?.pose),
     };
-    if base_from_sensor.is_none() {
-        notes.push(format!(
-            "the scan is already in {base:?}, but its camera's position is unknown: name its frame (ros2.sensor_frame)"
-        ));
+    if in_base {
+        notes.push(match &camera {
+            None => format!(
+                "the scan is already in {base:?}, but its camera's position is unknown: name its frame (ros2.sensor_frame)"
+            ),
+            Some(_) => format!(
+                "the image is in {base:?}, so its camera is taken to stand in the origin of that frame: if it does not, name its \
+                 frame (ros2.sensor_frame)"
+            ),
+        });
     }
     let recent = |at: &Instant| at.elapsed().as_secs_f64() <= config.max_age_s;
     let others: Vec<&str> = received.senders.values().filter(|s| recent(&s.0)).map(|s| s.1.as_str()).collect();

@@ -29,6 +29,11 @@ pub struct Refused {
     pub message: String,
 }
 
+impl Refused {
+    /// The code of a scan that was to be registered and cannot be.
+    pub const UNREGISTERED: &str = "unregistered";
+}
+
 /// One session of a planner.
 pub trait Planner: Sync {
     /// The answer's body.

@@ -17,7 +17,6 @@ pub fn decisive_settings(config: &TrainConfig) -> Result<String, TrainError> {
         data: other.data,
         epochs: 1,
         device: other.device,
-        validation: config.validation.clone(),
         episodes: other.episodes,
         checkpoint: other.checkpoint,
         loader: other.loader,

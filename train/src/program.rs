@@ -149,6 +149,9 @@ fn train_network(args: &TrainArgs) -> anyhow::Result<ExitCode> {
         };
     }
     let mut run_dir = RunDir::create(&dir, "train", built::COMMIT, &config)?;
+    if let Some(mixture) = run_dir.mixture("steps").filter(|_| resume) {
+        tracing::warn!("{mixture}");
+    }
     // Asked twice it ends at once; the last checkpoint stays whole.
     let stop = program::stop_when_asked("stopping after this step; press again to stop immediately")?;
     tracing::info!("run: {dir:?}; curves in {:?}", dir.join("index.html"));

@@ -4,23 +4,14 @@
 
 mod common;
 
-use common::{one_at_a_time, plain_set, sample, tiny_config, write_set};
+use common::{one_at_a_time, plain_set, run_until, sample, tiny_config, write_set};
 use formats::Split;
 use model::BenbvNetConfig;
 use model::checkpoint::description;
 use std::collections::BTreeMap;
 use std::path::Path;
 use train::augment::AugmentConfig;
-use train::config::TrainConfig;
-use train::{BenbvTask, Dataset, Outcome, Run, TrainError};
-
-fn run_until(config: &TrainConfig, data: &Path, dir: &Path, resume: bool, last: u64) -> Result<Outcome, TrainError> {
-    let data = Dataset::open(data, config.validation.fraction, config.seed)?;
-    let stop = |step: u64| step >= last;
-    let provenance = BTreeMap::from([("data".to_string(), "a set".to_string())]);
-    let run = Run { dir, resume, quiet: true, stop: &stop, provenance };
-    train::train(&BenbvTask::new(config, &data), config, &run)
-}
+use train::{BenbvTask, Dataset, Outcome, Run};
 
 /// The validation loss that a checkpoint names, and its step.
 fn figures(checkpoint: &Path) -> (u64, Option<String>) {

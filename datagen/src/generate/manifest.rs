@@ -30,7 +30,7 @@ pub(super) fn assemble(job: &Job, hash: &str) -> Result<(), GenerateError> {
 }
 
 fn gather(job: &Job, hash: &str) -> Manifest {
-    let mut commit = None;
+    let mut commits: Vec<String> = Vec::new();
     let objects = job
         .objects
         .iter()
@@ -43,7 +43,9 @@ fn gather(job: &Job, hash: &str) -> Manifest {
             };
             // Its maker has read all of it just now.
             if let Ok(shard) = ShardReader::peek(&shard_path(job.out, &object.name)) {
-                commit.get_or_insert(shard.commit);
+                if !commits.contains(&shard.commit) {
+                    commits.push(shard.commit);
+                }
                 return shard.objects.into_iter().next().unwrap_or(missing);
             }
             let skipped = skip_path(job.out, &object.name);
@@ -60,7 +62,44 @@ fn gather(job: &Job, hash: &str) -> Manifest {
         dataset: job.config.dataset.name.as_str().to_owned(),
         config_hash: hash.to_owned(),
         seed: job.config.seed,
-        commit: commit.unwrap_or_else(|| job.commit.to_owned()),
+        commit: if commits.is_empty() { job.commit.to_owned() } else { commits.join(", ") },
         objects,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::DatagenConfig;
+    use crate::dataset::{Object, Source};
+    use crate::generate::Part;
+    use formats::{CloudPrecision, ShardMetadata, ShardWriter, Split};
+
+    #[test]
+    fn a_set_that_several_versions_made_names_all_of_them() {
+        let home = tempfile::tempdir().unwrap();
+        let config = DatagenConfig::default();
+        let object = |name: &str| Object {
+            name: name.to_owned(),
+            category: "c".to_owned(),
+            split: Split::Train,
+            source: Source::File(PathBuf::new()),
+        };
+        let objects = ["a", "b", "c", "d"].map(object);
+        let commit = || {
+            let job =
+                Job { config: &config, objects: &objects, part: Part::WHOLE, out: home.path(), jobs: 1, commit: "now" };
+            gather(&job, "h").commit
+        };
+        let make = |name: &str, commit: &str| {
+            let metadata = ShardMetadata { commit: commit.to_owned(), ..ShardMetadata::default() };
+            ShardWriter::new(metadata, CloudPrecision::F32).write(&shard_path(home.path(), name)).unwrap();
+        };
+        assert_eq!(commit(), "now", "of a set without a shard");
+        make("a", "one");
+        make("d", "one");
+        assert_eq!(commit(), "one");
+        make("c", "two");
+        assert_eq!(commit(), "one, two");
     }
 }

@@ -34,6 +34,24 @@ fn frames_become_samples_and_frames_again() {
 }
 
 #[test]
+fn a_directory_without_histories_makes_no_set() {
+    let home = tempfile::tempdir().unwrap();
+    let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/frame_history.bin"));
+    let [full, empty, out] = ["full", "empty", "set"].map(|name| home.path().join(name));
+    std::fs::create_dir_all(empty.join("deeper")).unwrap();
+    std::fs::create_dir(&full).unwrap();
+    for file in [empty.join("deeper/a.bin"), empty.join("a.txt"), full.join("a.bin")] {
+        std::fs::copy(source, file).unwrap();
+    }
+    for inputs in [vec![empty.clone()], vec![full.clone(), empty]] {
+        let text = import(&inputs, &out, 0.2, 0, "none").expect_err("nothing to import").to_string();
+        assert!(text.contains("/empty\"") && text.contains("expected frame histories directly in"), "{text}");
+        assert!(!out.exists(), "nothing is made");
+    }
+    assert_eq!(import(&[full], &out, 0.2, 0, "none").unwrap().objects.len(), 1);
+}
+
+#[test]
 fn files_of_one_name_and_sets_of_another_kind_are_refused() {
     let home = tempfile::tempdir().unwrap();
     let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/frame_history.bin"));

@@ -6,6 +6,33 @@ fn bounds(interval: Interval) -> (f64, f64) {
 }
 
 #[test]
+fn draws_are_those_of_one_stream_and_are_made_one_at_a_time() {
+    let sizes = [3, 1, 4];
+    let first = |over| -> Vec<Draw> { draws(&sizes, over, usize::MAX, 7).iter().take(5).collect() };
+    let mut rng = stream(7, "bootstrap");
+    let mut expected: Vec<Draw> = Vec::new();
+    for _ in 0..5 {
+        let mut draw = Draw::new();
+        for (object, n) in sizes.into_iter().enumerate() {
+            let mut episodes = Vec::new();
+            (0..n).for_each(|_| episodes.push(rng.random_range(0..n)));
+            draw.push((object, episodes));
+        }
+        expected.push(draw);
+    }
+    assert_eq!(first(ResampleUnit::Episodes), expected);
+    let mut rng = stream(7, "bootstrap");
+    for draw in first(ResampleUnit::Objects) {
+        let objects: Vec<usize> = (0..3).map(|_| rng.random_range(0..3)).collect();
+        assert_eq!(draw.iter().map(|(object, _)| *object).collect::<Vec<_>>(), objects);
+        assert!(draw.iter().all(|(object, episodes)| episodes.iter().copied().eq(0..sizes[*object])), "{draw:?}");
+    }
+    let some = draws(&sizes, ResampleUnit::Episodes, 4, 7);
+    assert_eq!(some.iter().collect::<Vec<_>>(), expected[..4]);
+    assert_eq!(some.iter().collect::<Vec<_>>(), expected[..4], "the same ones every time");
+}
+
+#[test]
 fn what_cannot_be_drawn_otherwise_has_a_value_and_no_interval() {
     use ResampleUnit::{Episodes, Objects};
     let of = |objects: &[&str], episodes: usize, over: ResampleUnit| {

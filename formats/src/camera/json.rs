@@ -1,7 +1,10 @@
 //! RealSense's intrinsics (`rs2_intrinsics` as its tools and wrappers write them), Open3D's `PinholeCameraIntrinsic` and BOP's
 //! `camera.json`.
 
-use super::{COEFFICIENTS, CameraFile, EXPECTED, lens, may_be_coefficients, of_matrix, size, unknown_coefficients};
+use super::{
+    COEFFICIENTS, CameraFile, EXPECTED, MATRIX, by_columns, lens, may_be_coefficients, of_matrix, size,
+    unknown_coefficients,
+};
 use crate::{FormatError, Place};
 use geometry::Lens;
 use serde_json::Value;
@@ -22,12 +25,9 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<CameraFile, FormatError> 
     let size = size(path, number("width"), number("height"))?;
     let lens = lens_of(path, value, &whole)?;
     if let Some(matrix) = list(path, value, "intrinsic_matrix")? {
-        // Open3D stores it column by column.
-        let rows: Vec<f64> = match matrix.len() {
-            9 => (0..9).map(|i| matrix[i % 3 * 3 + i / 3]).collect(),
-            _ => matrix,
-        };
-        return Ok(CameraFile { size, intrinsics: of_matrix(path, &rows)?, lens, metres_per_unit: None });
+        let rows = <[f64; 9]>::try_from(matrix).map_or_else(|other| other, |k| by_columns(&k).to_vec());
+        let intrinsics = of_matrix(path, Place::Part(MATRIX.to_owned()), &rows)?;
+        return Ok(CameraFile { size, intrinsics, lens, metres_per_unit: None });
     }
     let first = |keys: [&str; 2]| keys.iter().find_map(|key| number(key));
     let (Some(fx), Some(fy), Some(cx), Some(cy)) =

@@ -1,6 +1,8 @@
 //! ROS `CameraInfo` (a calibration file, or a message as `ros2 topic echo` prints it), OpenCV's FileStorage and Kalibr's camchain.
 
-use super::{COEFFICIENTS, CameraFile, EXPECTED, lens, may_be_coefficients, of_matrix, size, unknown_coefficients};
+use super::{
+    COEFFICIENTS, CameraFile, EXPECTED, MATRIX, lens, may_be_coefficients, of_matrix, size, unknown_coefficients,
+};
 use crate::yaml::{self, Yaml};
 use crate::{FormatError, Place};
 use std::path::Path;
@@ -69,7 +71,7 @@ fn flat(path: &Path, root: &Yaml) -> Result<CameraFile, FormatError> {
     let Some((key, matrix)) = first(root, &["camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k"]) else {
         return Err(FormatError::syntax(path, Place::File, "no camera matrix (camera_matrix, K)", EXPECTED));
     };
-    let intrinsics = of_matrix(path, &list(path, key, matrix)?)?;
+    let intrinsics = of_matrix(path, Place::Part(MATRIX.to_owned()), &list(path, key, matrix)?)?;
     let get = |keys: &[&'static str]| first(root, keys).and_then(|(_, value)| value.number());
     let size = size(path, get(&["image_width", "width"]), get(&["image_height", "height"]))?;
     let refuse = |key: &str, found: String| {

@@ -2,6 +2,7 @@
 //! millimetres) and Open3D's `PinholeCameraTrajectory` (camera from world, column by column).
 
 use super::{EXPECTED, FilePose, Given, ROWS, inverse, of_matrix, of_parts};
+use crate::camera::{self, INTRINSICS, by_columns, check_intrinsics};
 use crate::{FormatError, Place};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -59,7 +60,7 @@ impl Open3dIntrinsic {
     /// Columns and rows; Open3D writes -1 where it does not know them.
     fn size(&self, path: &Path) -> Result<Option<[u32; 2]>, FormatError> {
         let [width, height] = [self.width, self.height].map(|side| side.filter(|n| *n > 0.0));
-        crate::camera::size(path, width, height)
+        camera::size(path, width, height)
     }
 }
 
@@ -106,7 +107,9 @@ fn own(path: &Path, place: Place, entry: Value) -> Result<FilePose, FormatError>
         return of_matrix(path, place.clone(), ROWS, &read(path, &place, entry, OWN)?);
     }
     let own: Own = read(path, &place, entry, OWN)?;
-    Ok(FilePose { intrinsics: own.intrinsics, name: own.name, ..of_matrix(path, place, ROWS, &own.world_from_camera)? })
+    let wrong = |found: String| FormatError::syntax(path, place.clone(), found, INTRINSICS);
+    let intrinsics = own.intrinsics.map(check_intrinsics).transpose().map_err(wrong)?;
+    Ok(FilePose { intrinsics, name: own.name, ..of_matrix(path, place, ROWS, &own.world_from_camera)? })
 }
 
 fn open3d(path: &Path, place: Place, entry: Value) -> Result<FilePose, FormatError> {
@@ -114,7 +117,9 @@ fn open3d(path: &Path, place: Place, entry: Value) -> Result<FilePose, FormatErr
     let e = read.extrinsic;
     let rows = std::array::from_fn(|row| std::array::from_fn(|column| e[4 * column + row]));
     let size = read.intrinsic.as_ref().map_or(Ok(None), |i| i.size(path))?;
-    let intrinsics = read.intrinsic.map(|i| i.intrinsic_matrix).map(|k| [k[0], k[4], k[6], k[7]]);
+    // Open3D writes zeros where it does not know it.
+    let matrix = read.intrinsic.map(|i| by_columns(&i.intrinsic_matrix)).filter(|k| *k != [0.0; 9]);
+    let intrinsics = matrix.map(|k| camera::of_matrix(path, place.clone(), &k)).transpose()?;
     Ok(FilePose { intrinsics, size, ..inverse(of_matrix(path, place, EXTRINSIC, &rows)?) })
 }
 
@@ -146,9 +151,10 @@ fn bop(path: &Path, map: Map<String, Value>) -> Result<Vec<FilePose>, FormatErro
                                 scene_gt.json has the object's pose instead";
                 let camera: BopCamera = read(path, &place, entry, expected)?;
                 let unit = |scale| crate::depth::bop_unit(path, place.clone(), scale);
+                let matrix = |k: [f64; 9]| camera::of_matrix(path, place.clone(), &k);
                 FilePose {
                     metres_per_unit: camera.depth_scale.map(unit).transpose()?,
-                    intrinsics: camera.k.map(|k| [k[0], k[4], k[2], k[5]]),
+                    intrinsics: camera.k.map(matrix).transpose()?,
                     ..of_parts(path, place.clone(), BOP_CAMERA, &camera.r, &metres(camera.t))?
                 }
             }

@@ -169,6 +169,34 @@ fn open3d_is_camera_from_world_by_columns() {
 }
 
 #[test]
+fn a_camera_matrix_with_the_poses_is_checked_like_that_of_a_calibration() {
+    let open3d = |k: &str| {
+        let extrinsic = "[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]";
+        format!("{{\"parameters\": [{{\"extrinsic\": {extrinsic}, \"intrinsic\": {{\"intrinsic_matrix\": {k}}}}}]}}")
+    };
+    let bop = |k: &str| {
+        format!("{{\"3\": {{\"cam_K\": {k}, \"cam_R_w2c\": [1, 0, 0, 0, 1, 0, 0, 0, 1], \"cam_t_w2c\": [0, 0, 0]}}}}")
+    };
+    let by_rows = "[500, 0, 320, 0, 510, 240, 0, 0, 1]";
+    let by_columns = "[500, 0, 0, 0, 510, 0, 320, 240, 1]";
+    let expected = Some([500.0, 510.0, 320.0, 240.0]);
+    assert_eq!(read(&open3d(by_columns)).poses[0].intrinsics, expected);
+    assert_eq!(read(&bop(by_rows)).poses[0].intrinsics, expected);
+    assert_eq!(read(&open3d("[0, 0, 0, 0, 0, 0, 0, 0, 0]")).poses[0].intrinsics, None, "not known to Open3D");
+    let own = "{\"world_from_camera\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], \"intrinsics\": [0, 0, 8, 6]}";
+    for (text, said) in [
+        (open3d(by_rows), "parameters 0: found camera matrix [500.0, 0.0, 0.0, 0.0, 510.0, 0.0, 320.0, 240.0, 1.0]"),
+        (bop(by_columns), "image 3: found camera matrix [500.0, 0.0, 0.0, 0.0, 510.0, 0.0, 320.0, 240.0, 1.0]"),
+        (bop(&by_rows.replace("500, 0", "500, 9")), "image 3: found a skew of 9, expected no skew"),
+        (open3d(&by_columns.replace("510", "-510")), "found fx, fy, cx, cy = [500.0, -510.0, 320.0, 240.0]"),
+        (bop(&by_rows.replace("500", "0")), "found fx, fy, cx, cy = [0.0, 510.0, 320.0, 240.0]"),
+        (own.to_owned(), "found fx, fy, cx, cy = [0.0, 0.0, 8.0, 6.0], expected fx, fy, cx, cy in pixels: finite"),
+    ] {
+        assert!(refused(&text).contains(said), "{said:?} not in: {}", refused(&text));
+    }
+}
+
+#[test]
 fn our_json_is_world_from_camera() {
     let m = "[[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]";
     takes(m, FORWARD, 1);

@@ -42,6 +42,30 @@ fn the_newest_run_is_found_by_its_marker() {
     assert_eq!(newest(dir.path(), "manifest.json"), Some(dir.path().join("b")));
 }
 
+#[test]
+fn a_run_that_another_version_goes_on_with_says_so_and_keeps_it_noted() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path();
+    let mixture = |commit: &str| {
+        let run = RunDir::create(path, "evaluate", commit, &toml::Table::new()).expect("made");
+        run.mixture("episodes").unwrap_or_default()
+    };
+    let version = env!("CARGO_PKG_VERSION");
+    assert_eq!(mixture("one"), "", "nothing was there");
+    assert_eq!(mixture("one"), "", "the same version");
+    let text = mixture("two");
+    let both = format!("by evaluate {version} (one), and this is evaluate {version} (two)");
+    assert!(text.contains(&both) && text.contains("another --out"), "{text}");
+    assert_eq!(mixture("two"), text, "it stays noted");
+    assert!(mixture("one").contains("(two), and this is"), "{text}");
+    let text = mixture("three");
+    assert!(text.contains(&format!("(two), evaluate {version} (one), and")), "{text}");
+    std::fs::write(path.join("run.toml"), "program = \"evaluate 0.1.0\"\n").expect("written");
+    assert!(mixture("three").contains("by evaluate 0.1.0 (unknown), and"));
+    std::fs::write(path.join("run.toml"), "= no TOML").expect("written");
+    assert!(mixture("three").contains("by an unknown version, and"));
+}
+
 #[cfg(unix)]
 #[test]
 fn a_link_is_followed_and_stays_one() {

@@ -1,6 +1,7 @@
 //! One scan of a sequence: its cloud, its camera, and its image if there is one.
 
 use super::{Described, DescribedScan};
+use crate::camera::{INTRINSICS, check_intrinsics};
 use crate::cloud::read_cloud;
 use crate::depth::{read_depth, told_unit};
 use crate::poses::FilePose;
@@ -76,11 +77,8 @@ impl Reader<'_> {
         let image = match (&scan.depth, scan.intrinsics.or(filed.and_then(|p| p.intrinsics))) {
             (None, _) => None,
             (Some(_), None) => return Err(wrong(("depth without intrinsics".to_owned(), "fx, fy, cx, cy"))),
-            (Some(file), Some([fx, fy, cx, cy])) => {
-                if !(fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|x| x.is_finite())) {
-                    let found = format!("intrinsics {:?}", [fx, fy, cx, cy]);
-                    return Err(wrong((found, "fx, fy, cx, cy in pixels, fx and fy positive")));
-                }
+            (Some(file), Some(given)) => {
+                let [fx, fy, cx, cy] = check_intrinsics(given).map_err(|found| wrong((found, INTRINSICS)))?;
                 let depth = self.depth(file, filed.and_then(|p| p.metres_per_unit), &mut notes)?;
                 let known = filed.filter(|_| scan.intrinsics.is_none()).and_then(|p| p.size);
                 if let Some([width, height]) = known.filter(|size| *size != depth.size) {

@@ -2,7 +2,7 @@
 const D = JSON.parse(document.getElementById('data').textContent);
 const $ = s => document.querySelector(s);
 const bytes = s => Uint8Array.from(atob(s), c => c.charCodeAt(0)).buffer;
-const edge = new Uint8Array(bytes(D.boundary)), born = new Uint8Array(bytes(D.born)), count = edge.length;
+const edge = new Uint8Array(bytes(D.boundary)), born = new Uint32Array(bytes(D.born)), count = edge.length;
 const joined = (a, b) => { const all = new a.constructor(a.length + b.length); all.set(a); all.set(b, a.length); return all; };
 // The measured points, then those of the surface expected where nothing is known. Metres from the middle of the cloud, as
 // everything that is drawn.

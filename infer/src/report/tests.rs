@@ -73,13 +73,16 @@ fn the_page_tells_which_scan_saw_a_point_first_and_what_is_expected() {
     let cloud = session.cloud();
     assert_eq!(first.len(), cloud.len());
     for (p, first) in cloud.points.iter().zip(&first) {
-        assert_eq!(*first, u8::from(p.x > 0.118), "{p}");
+        assert_eq!(*first, u32::from(p.x > 0.118), "{p}");
     }
     let answer = session.next_view().expect("an answer");
     let expected = session.expected_surface(&answer);
     assert!(!expected.is_empty(), "the back of a sheet is not known");
     let page = report_html(&answer, &ReportInput { title: "a", session: &session, coverage: &[] });
     assert!(page.contains(&*escape(&answer.reason())), "{}", answer.reason());
+    let data = page_data(&answer, &ReportInput { title: "a", session: &session, coverage: &[] });
+    let born = STANDARD.decode(data["born"].as_str().expect("text")).expect("base64");
+    assert_eq!(born, first.into_iter().flat_map(u32::to_le_bytes).collect::<Vec<u8>>(), "as the page reads them");
 }
 
 #[test]
@@ -96,7 +99,7 @@ fn the_replay_goes_from_scan_to_scan_whatever_they_are_of() {
     session.add_scan(Scan::Lines { cloud: half(0), path }).expect("a scan");
     session.add_scan(Scan::Cloud { cloud: half(20), from: Some(Point3::new(0.1, 0.06, 1.0)) }).expect("a scan");
     for (p, first) in session.cloud().points.iter().zip(first_scans(&session)) {
-        assert_eq!(first, u8::from(p.x > 0.118), "{p}");
+        assert_eq!(first, u32::from(p.x > 0.118), "{p}");
     }
     let answer = session.next_view().expect("an answer");
     let data = page_data(&answer, &ReportInput { title: "a", session: &session, coverage: &[] });
@@ -104,4 +107,19 @@ fn the_replay_goes_from_scan_to_scan_whatever_they_are_of() {
         data["past"].as_array().expect("a list").iter().filter_map(|camera| camera["scan"].as_u64()).collect();
     assert_eq!((&data["scans"], of_scans.len()), (&json!(2), session.state().scans.len()));
     assert!(of_scans.len() > 2 && of_scans[0] == 0 && of_scans.ends_with(&[0, 1]), "{of_scans:?}");
+}
+
+#[test]
+fn the_first_scan_of_a_point_is_told_whatever_the_number_of_scans() {
+    let mut session = Session::new(SessionConfig::default(), None).expect("defaults");
+    // Patches of 36 points side by side, one a scan.
+    let left = |scan: u32| 0.024 * f64::from(scan);
+    for scan in 0..260 {
+        let at = |i: u32| Point3::new(left(scan) + 0.004 * f64::from(i % 6), 0.004 * f64::from(i / 6), 0.0);
+        let cloud = geometry::PointCloud { points: (0..36).map(at).collect(), normals: Vec::new() };
+        session.add_scan(Scan::Cloud { cloud, from: Some(Point3::new(left(scan), 0.0, 1.0)) }).expect("a scan");
+    }
+    for (p, first) in session.cloud().points.iter().zip(first_scans(&session)) {
+        assert!((left(first) - 0.002..left(first + 1) - 0.002).contains(&p.x), "{p}: scan {first}");
+    }
 }

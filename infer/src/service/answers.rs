@@ -1,8 +1,10 @@
 //! Answers kept for repetition: a request whose answer was lost on the way is sent again with the same key, and gets the same
 //! bytes, without being done twice.
 
-use super::{Refusal, Reply};
+use super::{Fingerprint, Method, Refusal, Reply};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
+use sha2::{Digest, Sha256};
 use std::collections::VecDeque;
 
 /// Answers kept at most; older ones are forgotten.
@@ -18,24 +20,8 @@ const KEY: usize = 128;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Key {
     name: String,
-    /// Of all that was asked.
-    #[serde(with = "hexadecimal")]
-    asked: u64,
-}
-
-/// TOML's numbers have a sign.
-mod hexadecimal {
-    use serde::de::Error;
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    pub fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(&format!("{value:016x}"))
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
-        let text = String::deserialize(deserializer)?;
-        u64::from_str_radix(&text, 16).map_err(D::Error::custom)
-    }
+    /// SHA-256 of all that was asked, in hexadecimal digits; what older programs wrote is another hash, and the same as none of these.
+    asked: String,
 }
 
 /// An answer on disk.
@@ -55,17 +41,18 @@ impl Kept {
 }
 
 impl Key {
-    /// A key as the client gives it, with a hash of what is asked.
+    /// A key as the client gives it, of this request with this body.
     ///
     /// # Errors
     /// No name.
-    pub fn new(name: &str, asked: u64) -> Result<Self, Refusal> {
+    pub fn new(name: &str, method: Method, session: Option<&str>, body: &Fingerprint) -> Result<Self, Refusal> {
         let printable = name.bytes().all(|b| b.is_ascii_graphic());
         if name.is_empty() || name.len() > KEY || !printable {
             let message = format!("the idempotency key: expected 1 to {KEY} visible ASCII characters");
             return Err(Refusal::new(400, "bad_key", message));
         }
-        Ok(Self { name: name.to_owned(), asked })
+        let asked = Sha256::new().chain_update(json!([method, session]).to_string()).chain_update(body.bytes());
+        Ok(Self { name: name.to_owned(), asked: format!("{:x}", asked.finalize()) })
     }
 }
 

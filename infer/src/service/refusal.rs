@@ -64,7 +64,7 @@ impl From<SessionError> for Refusal {
             SessionError::TooSmall { .. } => (422, "too_small"),
             SessionError::Unregistered { .. } => (422, "unregistered"),
             SessionError::Plan(_) => (422, "planner_failed"),
-            SessionError::NoCurrentPosition => (422, "no_current_position"),
+            SessionError::NoCurrentPosition | SessionError::DoubtedPosition { .. } => (422, "no_current_position"),
             SessionError::Check(_) => (502, "check_failed"),
             SessionError::NoTurntable(_) => (422, "no_turntable"),
             SessionError::Stopped(Stopped::Late) => return Self::late(),

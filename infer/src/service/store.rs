@@ -4,7 +4,7 @@
 //! DIR/lock             held by the service that writes here
 //! DIR/state.toml       version, the last name given to a session, answers to who created or deleted one
 //! DIR/3/session.toml   session 3: settings, number of scans, places of rejected ones, answers kept for repetition
-//! DIR/3/scan-0001      a line with the settings that the scan came under, then the request as it came
+//! DIR/3/scan-0001      a line with the settings that the scan came under, and what a command line told beside it, then the request as it came
 //! ```
 //!
 //! Each file begins with its checksum; those of version 1 had none. Each file is written beside its place, synced and renamed. `session.toml` is written last: what it does not count is not there.
@@ -12,14 +12,16 @@
 mod error;
 
 use super::answers::Kept;
+use crate::load::Told;
 use error::{damaged, io};
 use formats::checksum;
 use formats::config::to_toml;
+use formats::lock::{Lock, try_lock};
 use formats::run::atomic_write;
 use planning::SessionConfig;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -32,6 +34,8 @@ const UNSEALED: u32 = 1;
 /// What stands before the digits of the checksum: at the beginning, so that a file cut short is noticed too.
 const SEAL: &[u8] = b"# sha256 = \"";
 const SCAN_SEAL: &[u8] = b"{\"sha256\":\"";
+/// Of the folder. Older programs know it by this name, too.
+const LOCK: &str = "lock";
 const WAY_OUT: &str = "restore the file, or delete the session's folder";
 /// Settings and answers take less, bytes.
 const RECORD: u64 = 8 << 20;
@@ -42,7 +46,7 @@ const FORGOTTEN: u64 = 1_000_000;
 pub struct Store {
     folder: PathBuf,
     #[allow(dead_code, reason = "held")]
-    lock: File,
+    lock: Lock,
 }
 
 #[derive(Default, Serialize, Deserialize)]
@@ -104,6 +108,8 @@ pub struct Written {
     pub line: bool,
     /// The bytes.
     pub bytes: Vec<u8>,
+    /// What was told beside them, by a command line.
+    pub told: Option<Told>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -116,6 +122,8 @@ struct ScanHead {
     line: bool,
     /// As TOML, whose numbers are exact.
     config: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    told: Option<Told>,
 }
 
 fn version(path: &Path, found: u32, sealed: bool) -> Result<(), StoreError> {
@@ -169,14 +177,7 @@ impl Store {
     /// # Errors
     /// It is in use, cannot be read, or is of another version.
     pub fn open(folder: &Path) -> Result<(Self, Found), StoreError> {
-        fs::create_dir_all(folder).map_err(io(folder))?;
-        let at = folder.join("lock");
-        let lock = File::create(&at).map_err(io(&at))?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(StoreError::Taken(folder.to_owned())),
-            Err(TryLockError::Error(source)) => return Err(io(&at)(source)),
-        }
+        let lock = try_lock(folder, LOCK, "infer")?;
         let store = Self { folder: folder.to_owned(), lock };
         let at = folder.join("state.toml");
         let mut state = State::default();
@@ -250,9 +251,9 @@ impl Store {
         if !fs::exists(&known).map_err(io(&known))? {
             return Err(damaged(&known, "it is gone"));
         }
-        if let Some(Written { line, bytes }) = scan {
-            let sha256 = checksum::UNKNOWN.to_owned();
-            let head = ScanHead { sha256, version: VERSION, line: *line, config: to_toml(&record.config)? };
+        if let Some(Written { line, bytes, told }) = scan {
+            let (sha256, told) = (checksum::UNKNOWN.to_owned(), told.clone());
+            let head = ScanHead { sha256, version: VERSION, line: *line, config: to_toml(&record.config)?, told };
             let path = self.scan_path(id, record.scans);
             let mut text = serde_json::to_vec(&head).map_err(|e| damaged(&path, e))?;
             text.push(b'\n');
@@ -301,7 +302,7 @@ impl Store {
         let head: ScanHead = serde_json::from_slice(&text[..end]).map_err(|e| damaged(&path, e))?;
         version(&path, head.version, sealed)?;
         let config = toml::from_str(&head.config).map_err(|e| damaged(&path, e))?;
-        Ok((config, Written { line: head.line, bytes: text[end + 1..].to_vec() }))
+        Ok((config, Written { line: head.line, bytes: text[end + 1..].to_vec(), told: head.told }))
     }
 
     /// What is wrong with a scan that was read and is refused.

@@ -146,6 +146,7 @@ impl Service {
         let (mut ask, mut written) = (ask, None);
         if let Ask::AddScan { written: came, .. } = &mut ask {
             written = came.take();
+            written.as_ref().map_or(Ok(()), |written| self.keepable(written))?;
         }
         let mutates = matches!(ask, Ask::AddScan { .. } | Ask::Undo | Ask::Reset);
         let (scans, config) = (open.session.num_scans(), open.session.config().clone());
@@ -170,6 +171,19 @@ impl Service {
             store.write(id, &open.record(), scan).inspect_err(|_| open.unread = true)?;
         }
         answer
+    }
+
+    /// Refuses a scan that would be too large when the session is read again: it may have come as the name of its file.
+    fn keepable(&self, Written { line, bytes, .. }: &Written) -> Result<(), Refusal> {
+        let (most, mib) = (self.limits.body_mib, bytes.len().div_ceil(1 << 20));
+        // A line ends with a byte more.
+        if bytes.len() <= self.limits.body() + usize::from(*line) {
+            return Ok(());
+        }
+        let message = format!(
+            "the scan takes {mib} MiB in a session on disk, more than service.body_mib = {most} allows: raise it to {mib}, or thin the scan"
+        );
+        Err(Refusal::new(413, "too_large", message))
     }
 
     fn attempt(&self, open: &mut Open, ask: Ask, patience: &Patience) -> Result<Reply, Refusal> {
@@ -272,12 +286,15 @@ fn read_back(store: &Store, id: u64, open: &mut Open, most: usize) -> Result<(),
     for number in 1..=record.scans {
         let reading = super::reading(Method::AddScan, store.scan_size(id, number, most)?);
         open.held.cover(open.memory() + reading)?;
-        let (config, Written { line, bytes }) = store.scan(id, number)?;
+        let (config, Written { line, bytes, told }) = store.scan(id, number)?;
         let body = if line { Body::Line(&bytes) } else { Body::Whole(&bytes) };
         let refused = |why: Refusal| store.refused(id, number, why.message);
         let ask = Ask::parse(Method::AddScan, body, false, false).map_err(refused)?;
         open.held.cover(open.memory() + reading + ask.work())?;
-        let Ask::AddScan { scan, misses_by_settings, .. } = ask else { return Err(Refusal::internal()) };
+        let Ask::AddScan { mut scan, misses_by_settings, .. } = ask else { return Err(Refusal::internal()) };
+        if let Some(told) = told {
+            told.lay_over(&mut scan);
+        }
         let Loaded { scan, reading } = meant(*scan, misses_by_settings, &config);
         let unhurried = Budget::default();
         let configured = open.session.configure(config);

@@ -34,6 +34,29 @@ fn a_scan_tells_where_it_was_taken_from() {
 }
 
 #[test]
+fn how_far_it_may_be_off_follows_from_what_the_faces_determine() {
+    let trust = |mut cloud: PointCloud| match estimated(&mut cloud)[..] {
+        [PastScan { pose: CameraPose::Estimated(trust), .. }] => trust,
+        ref other => panic!("{} scans", other.len()),
+    };
+    assert!(trust(cap(&Vector3::z())).span > 2.0);
+    // One face, and two that share an edge along x: from wherever along it, both are as dense.
+    let face = |normal: Vector3<f64>, along: Vector3<f64>| {
+        let points = (0..1600).map(|i| {
+            let [u, v] = [i % 40, i / 40].map(|k| 0.0025 * f64::from(k));
+            Point3::from(u * Vector3::x() + v * along)
+        });
+        PointCloud { points: points.collect(), normals: vec![normal; 1600] }
+    };
+    let plate = face(Vector3::z(), Vector3::y());
+    let mut angle = plate.clone();
+    angle.merge(&face(Vector3::y(), -Vector3::z()));
+    for flat in [trust(plate), trust(angle)] {
+        assert!(flat.off_deg() > 30.0, "{flat:?}");
+    }
+}
+
+#[test]
 fn where_the_density_says_nothing_of_the_side_the_edges_do() {
     // As a scanner of parallel rays sees a dented ball: no part is denser for being nearer.
     let height = |x: f64, y: f64| (0.01 - x * x - y * y).sqrt() - 0.03 * (-(x * x + y * y) / 0.0016).exp();

@@ -55,9 +55,8 @@ pub struct VolumetricConfig {
     /// Views with a smaller expected overlap, less what it may be missed by ([`crate::overlap::margin`]), come after all others,
     /// those with the most of it first (0: none).
     pub min_overlap: f64,
-    /// Voxels are twice the tolerance wide, at least a pixel at the working distance, or a spacing of the cloud where that
-    /// is coarser, and at most this many of those (3.5). They grow where memory would not do. About one ray goes through
-    /// each.
+    /// Voxels are twice the tolerance wide, at least 1.25 pixels at the working distance and a spacing of the cloud, and at most this many of
+    /// the coarser of the two (3.5). They grow where memory would not do. About one ray goes through each.
     pub voxel_px: f64,
     /// Take what lies outside of the outline of all that a scan measured for background, where its misses do not say so;
     /// no longer for a scan in whose background others see surface. On by default.
@@ -87,6 +86,9 @@ impl Default for VolumetricConfig {
 
 /// A bound this many times as wide as the cube around the cloud would only make voxels coarse.
 const BOUND: f64 = 1.5;
+/// Voxels this many pixels wide have a point each where a surface was measured: through those without, the membrane passed as if nothing were
+/// known there, and after four scans a fourth to a third of the surface was told to be missing where a seventh was (docs/log.md).
+const GAPLESS: f64 = 1.25;
 /// Weight of the gain in the score.
 const GAIN: f64 = 1.3;
 /// Weight of the expected surface in the coverage that the score goes by: gain and overlap change places early.
@@ -94,6 +96,11 @@ const FINISHED: f64 = 0.41;
 /// Share of the whole from which on the backs of thin parts are looked for: they have candidates, and count in the score. Fewer mostly lie within
 /// the tolerance of their fronts, so that views at them gain nothing by it (docs/log.md).
 const THIN: f64 = 0.25;
+
+/// While this share of the whole or more is missing and no view at the boundary is expected to measure as large a part of that, views at what is
+/// missing are looked at, too: the other side of a sheet is seen from none of the directions around its rim.
+const MUCH: f64 = 0.1;
+const LITTLE: f64 = 0.25;
 
 /// What the planner expects of a view.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,6 +141,8 @@ pub struct Forecasts {
     pub views: Vec<ViewForecast>,
     /// The whole surface, without the backs of thin parts: to the tolerance most lie where their fronts do.
     pub surface: Surface,
+    /// Whether views at the boundary see little of what is missing: then gain alone counts, and the last candidates look at that.
+    pub elsewhere: bool,
 }
 
 /// The surface as far as it is known, and as far as it is expected where nothing is known.
@@ -220,8 +229,10 @@ impl VolumetricPlanner {
             given.unwrap_or(around)
         });
         self.bounded = given.is_some();
-        let pixel = state.camera.pixel_size(state.working_distance).max(state.grid_size);
-        let voxel = (2.0 * state.tolerance).max(pixel).min(self.config.voxel_px * pixel).max(f64::MIN_POSITIVE);
+        let pixel = state.camera.pixel_size(state.working_distance);
+        let spacing = pixel.max(state.grid_size);
+        let least = (GAPLESS * pixel).max(spacing).max(2.0 * state.tolerance);
+        let voxel = least.min(self.config.voxel_px * spacing).max(f64::MIN_POSITIVE);
         VoxelGrid::new(&Point3::from(workspace.center_m), workspace.half_m.max(voxel), voxel)
     }
 
@@ -261,6 +272,7 @@ impl VolumetricPlanner {
         let total = (known_m2 + membrane_m2).max(f64::MIN_POSITIVE);
         let whole = total + backs_m2;
         let missing = self.surface.expected_m2 / whole;
+        let swollen = predict::swollen(grid.voxel, whole);
         let thin = backs_m2 > THIN * whole;
         if thin && state.given_views.is_empty() {
             let at_backs = backs::views(&grid, state.working_distance);
@@ -284,7 +296,7 @@ impl VolumetricPlanner {
                 view: *view,
                 given: *given,
                 gain: new / total,
-                reported_gain: ((area.expected + backs) / whole).min(missing),
+                reported_gain: ((area.expected + backs) / (swollen * whole)).min(missing),
                 overlap: seen.overlap(trust),
                 reported_overlap: told.seen_again(trust),
                 cautious_overlap: told.seen_again_at_least(trust, carves),
@@ -295,19 +307,31 @@ impl VolumetricPlanner {
             })
         };
         // Episodes side by side, on threads of rayon's, fill the cores already.
-        let views = match rayon::current_thread_index() {
-            Some(_) => candidates.iter().filter_map(look).collect(),
-            None => candidates.par_iter().filter_map(look).collect(),
+        let look_at = |candidates: &[_]| -> Vec<ViewForecast> {
+            match rayon::current_thread_index() {
+                Some(_) => candidates.iter().filter_map(look).collect(),
+                None => candidates.par_iter().filter_map(look).collect(),
+            }
         };
+        let mut views = look_at(&candidates);
+        let most = views.iter().map(|f| f.reported_gain).fold(0.0, f64::max);
+        let elsewhere = state.given_views.is_empty() && missing > MUCH && most < LITTLE * missing;
+        if elsewhere {
+            let at_holes: Vec<_> = holes::views(&grid, state.working_distance).map(|view| (view, None)).collect();
+            views.extend(look_at(&at_holes));
+        }
         (self.grid, self.leaps) = (Some(grid), Some(leaps));
-        Forecasts { views, surface: Surface { known_m2, expected_m2: membrane_m2 } }
+        Forecasts { views, surface: Surface { known_m2, expected_m2: membrane_m2 }, elsewhere }
     }
 
     /// The views by BENBV's score of their forecasts, best first.
     pub fn rank(&self, forecasts: &Forecasts) -> Vec<RankedView> {
         let Surface { known_m2, expected_m2 } = forecasts.surface;
         let finished = known_m2 / (known_m2 + FINISHED * expected_m2).max(f64::MIN_POSITIVE);
-        let weight = 1.0 / (1.0 + (-10.0 * (finished - self.config.weight_center)).exp());
+        let weight = match forecasts.elsewhere {
+            true => 1.0,
+            false => 1.0 / (1.0 + (-10.0 * (finished - self.config.weight_center)).exp()),
+        };
         // What lies beyond may be more than the whole early: a share of the most then, so that no score exceeds 1.
         let most = forecasts.views.iter().map(|f| GAIN * f.gain).fold(1.0, f64::max);
         let score = |f: &ViewForecast| {

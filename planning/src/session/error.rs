@@ -1,6 +1,7 @@
 //! Why a session has no answer.
 
 use crate::config::ConfigError;
+use crate::doubt::PositionDoubt;
 use crate::planners::auto::ChooseError;
 use crate::registration::Unsafe;
 use crate::scan::{Reading, Refusal, ScanReport};
@@ -63,6 +64,17 @@ pub enum SessionError {
          or give the position that the last scan was taken from (--from x,y,z)"
     )]
     NoCurrentPosition,
+    /// The same, where the position that was given is not believed.
+    #[error(
+        "max_travel_m and travel_weight_per_m need the camera's position, and that of scan {number} is not believed: it {}; correct it, or set \
+         constraints.current_position_m", why.describe()
+    )]
+    DoubtedPosition {
+        /// The scan.
+        number: usize,
+        /// Why.
+        why: PositionDoubt,
+    },
 }
 
 /// How points come near enough, where most are too far away.

@@ -51,7 +51,7 @@ pub struct PlannedView {
 
 impl Session {
     /// At most `most` of the views that `answer` allows, the greedy choice: each sees most of the expected surface that those before it
-    /// do not see. `None` where the planner that answered does not make out what is missing, or had no time to. It is of the state at that answer. Travel begins at
+    /// do not see; `max_travel_m` and `visited_radius_m` hold between them, too. `None` where the planner that answered does not make out what is missing, or had no time to. It is of the state at that answer. Travel begins at
     /// `current_m`, in the cell, as [`Request::current_position_m`](super::Request::current_position_m).
     pub fn scan_plan(&self, answer: &Answer, most: usize, current_m: Option<[f64; 3]>) -> Option<ScanPlan> {
         let made_out = answer.complete && answer.planner == PlannerName::Volumetric.as_str();
@@ -61,21 +61,33 @@ impl Session {
         let allowed: Vec<&Candidate> = answer.candidates.iter().filter(|c| c.objections.is_empty()).collect();
         let poses: Vec<Isometry3<f64>> = allowed.iter().map(|c| c.pose()).collect();
         let (seen, areas) = self.planners.seen_of_expected(&self.state, &poses);
+        let limits = &self.config.constraints;
         let mut looks = Looks::new(&seen, &areas, &surface, &told, missing);
-        let mut chosen = Vec::new();
+        let from = (self.camera_now(current_m), self.table_deg());
+        let all: Vec<Stop> = allowed.iter().map(|c| stop(c, from.1)).collect();
+        let mut chosen: Vec<(usize, f64)> = Vec::new();
+        let mut open = vec![true; allowed.len()];
         while chosen.len() < most {
-            let gains: Vec<f64> = seen.iter().map(|view| looks.unseen(view)).collect();
+            let gain = |(view, open): (&Vec<_>, &bool)| if *open { looks.unseen(view) } else { 0.0 };
+            let gains: Vec<f64> = seen.iter().zip(&open).map(gain).collect();
             // The first of equals: the one ranked higher.
             let Some(best) = (0..gains.len()).reduce(|a, b| if gains[b] > gains[a] { b } else { a }) else { break };
             if gains[best] < self.config.stop_below.max(LEAST) {
                 break;
             }
+            open[best] = false;
+            let others = || chosen.iter().map(|&(i, _)| i);
+            let away = others().map(|i| (poses[i].translation.vector - poses[best].translation.vector).norm());
+            let is_repetition = away.fold(f64::INFINITY, f64::min) < limits.visited_radius_m.unwrap_or(0.0);
+            let stops: Vec<Stop> = others().chain([best]).map(|i| all[i]).collect();
+            if is_repetition || longest_move(from, &stops) > limits.max_travel_m.unwrap_or(f64::INFINITY) {
+                continue;
+            }
             let axis = |i: usize| poses[i] * Vector3::z();
-            let alike = chosen.iter().map(|&(i, _): &(usize, f64)| axis(i).dot(&axis(best))).fold(-1.0, f64::max);
+            let alike = others().map(|i| axis(i).dot(&axis(best))).fold(-1.0, f64::max);
             chosen.push((best, looks.take(&seen[best], (1.0 - alike).min(1.0))));
         }
-        let from = (self.camera_now(current_m), self.table_deg());
-        let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| stop(allowed[i], from.1)).collect();
+        let stops: Vec<Stop> = chosen.iter().map(|&(i, _)| all[i]).collect();
         let order = by_travel(from, &stops);
         let mut plan = ScanPlan::default();
         let mut at = (from.0.unwrap_or(order.first().map_or(Point3::origin(), |&i| stops[i].0)), from.1);
@@ -105,6 +117,13 @@ type Stop = (Point3<f64>, f64);
 
 fn stop(candidate: &Candidate, table_deg: f64) -> Stop {
     (candidate.position_in_cell(), candidate.table.as_ref().map_or(table_deg, |table| table.stop_deg))
+}
+
+/// The farthest that the camera moves at once on that way, metres.
+fn longest_move(from: (Option<Point3<f64>>, f64), stops: &[Stop]) -> f64 {
+    let way: Vec<Point3<f64>> =
+        from.0.into_iter().chain(by_travel(from, stops).into_iter().map(|i| stops[i].0)).collect();
+    way.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, f64::max)
 }
 
 /// A short way over all stops: the nearest next, then pairs of legs uncrossed while that helps (2-opt). Where it begins is open without
@@ -142,6 +161,7 @@ fn by_travel((from, table_deg): (Option<Point3<f64>>, f64), stops: &[Stop]) -> V
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::session::Request;
     use crate::{Missing, Scan, SessionConfig};
     use geometry::{PointCloud, View};
 
@@ -221,6 +241,32 @@ mod tests {
         let first = plans[1].views.iter().find(|view| view.chosen == 0).expect("a first choice");
         assert_eq!(first.view, plans[0].views[0].view, "the first choice stays");
         assert_eq!(first.adds, plans[0].views[0].adds, "and adds the same");
+    }
+
+    #[test]
+    fn limits_of_travel_and_repetition_hold_between_the_views_of_a_plan() {
+        let mut session = sheet();
+        let current_m = Some([0.06, 0.06, 0.6]);
+        let plan = |session: &mut Session| {
+            let request = Request { current_position_m: current_m, ..Default::default() };
+            let answer = session.next_view_for(&request).expect("an answer");
+            session.scan_plan(&answer, 8, current_m).expect("a plan")
+        };
+        let moves = |plan: &ScanPlan| plan.views.iter().map(|v| v.travel_m).fold(0.0, f64::max);
+        let apart = |plan: &ScanPlan| {
+            let at = |i: usize| Point3::from(plan.views[i].view.position_m);
+            let pairs = (0..plan.views.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+            pairs.map(|(i, j)| (at(i) - at(j)).norm()).fold(f64::INFINITY, f64::min)
+        };
+        let free = plan(&mut session);
+        assert!(moves(&free) > 0.51 && apart(&free) < 0.3, "{} {}", moves(&free), apart(&free));
+        let mut config = session.config().clone();
+        config.constraints.max_travel_m = Some(0.51);
+        config.constraints.visited_radius_m = Some(0.3);
+        session.configure(config).expect("settings");
+        let limited = plan(&mut session);
+        assert!(limited.views.len() > 1, "{limited:?}");
+        assert!(moves(&limited) <= 0.51 && apart(&limited) >= 0.3, "{} {}", moves(&limited), apart(&limited));
     }
 
     #[test]

@@ -148,8 +148,8 @@ impl Session {
         let pixel = camera.pixel_size(distance);
         if pixel > GAPS * tolerance {
             warnings.push(format!(
-                "pixels are {} apart at {}, and a point covers surface within tolerance_m of {}: every scan leaves gaps, and views go back to \
-                 what was seen already (try --set tolerance_m={pixel:.1e}, or a shorter distance)",
+                "pixels are {} apart at {}, and a point covers surface within tolerance_m of {}: every scan leaves gaps, which no planned \
+                 view fills (try --set tolerance_m={pixel:.1e}, or a shorter distance)",
                 length(pixel),
                 length(distance),
                 length(tolerance)

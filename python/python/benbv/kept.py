@@ -1,4 +1,4 @@
-"""Sessions in files: a `.npz` of the scans as they came, with the settings that each came under."""
+"""Sessions in files: a `.npz` of the scans as they came, the settings that each came under, and where rejected ones were taken."""
 
 from __future__ import annotations
 
@@ -37,12 +37,22 @@ class KeptScan:
         return replace(self, arrays={name: np.array(value) for name, value in self.arrays.items()})
 
 
-def save(path: str | PathLike[str], config: dict[str, Any], given: list[NDArray[Any]], scans: list[KeptScan]) -> None:
+def save(
+    path: str | PathLike[str],
+    config: dict[str, Any],
+    given: list[NDArray[Any]],
+    rejected_from: NDArray[np.float64],
+    scans: list[KeptScan],
+) -> None:
     """Writes the file whole or not at all."""
     told = [{"kind": s.kind, "words": s.words, "config": s.config, "arrays": list(s.arrays)} for s in scans]
     # Numbers may be of numpy.
     text = json.dumps({"version": VERSION, "config": config, "scans": told}, default=float)
-    members: dict[str, Any] = {"session": np.frombuffer(text.encode(), np.uint8), "given": np.array(given).reshape(-1, 4, 4)}
+    members: dict[str, Any] = {
+        "session": np.frombuffer(text.encode(), np.uint8),
+        "given": np.array(given).reshape(-1, 4, 4),
+        "rejected_from": rejected_from,
+    }
     for i, scan in enumerate(scans):
         members.update({f"{i}.{name}": array for name, array in scan.arrays.items()})
     path = Path(path)
@@ -58,14 +68,16 @@ def save(path: str | PathLike[str], config: dict[str, Any], given: list[NDArray[
         raise
 
 
-def load(path: str | PathLike[str]) -> tuple[dict[str, Any], list[NDArray[Any]], list[KeptScan]]:
-    """Settings, given views and scans."""
+def load(path: str | PathLike[str]) -> tuple[dict[str, Any], list[NDArray[Any]], NDArray[np.float64], list[KeptScan]]:
+    """Settings, given views, where rejected scans were taken, and scans."""
     try:
         with np.load(path, allow_pickle=False) as members:
             told = json.loads(members["session"].tobytes())
             if told["version"] != VERSION:
                 raise ValueError(f"version {told['version']}, expected {VERSION}")
-            return told["config"], list(members["given"]), list(_scans(told["scans"], members))
+            # Absent in older files.
+            rejected_from = members["rejected_from"] if "rejected_from" in members else np.zeros((0, 3))
+            return told["config"], list(members["given"]), rejected_from, list(_scans(told["scans"], members))
     except OSError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:

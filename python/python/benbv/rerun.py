@@ -40,6 +40,8 @@ def log(
         labels = ["; ".join(o.reason for o in c.objections) or f"{c.score:.3f}" for c in view.candidates]
         arrows = rr.Arrows3D(origins=origins, vectors=vectors, colors=colors, labels=labels, show_labels=False)
         rr.log(f"{path}/candidates", arrows, recording=recording)
+    else:
+        rr.log(f"{path}/candidates", rr.Clear(recursive=False), recording=recording)
     if view.next is None:
         rr.log(f"{path}/next", rr.Clear(recursive=True), recording=recording)
         return

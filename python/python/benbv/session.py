@@ -108,20 +108,23 @@ class Session:
         return native.add_bytes(words["name"], a["raw"].tobytes(), a.get("origin"), words["millimetres"], angle)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Writes the session to a file (`.npz`), whole or not at all: scans as they came, settings, given views."""
+        """Writes the session to a file (`.npz`), whole or not at all: scans as they came, settings, given views, and where rejected
+        scans were taken."""
         with self._lock:
-            kept.save(path, self.config, self._given, self._kept[: self._native.num_scans()])
+            scans = self._kept[: self._native.num_scans()]
+            kept.save(path, self.config, self._given, self._native.rejected_from(), scans)
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, weights: str | PathLike[str] | None = None) -> Session:
         """A session as it was saved; it answers as the one that was."""
-        config, given, scans = kept.load(path)
+        config, given, rejected_from, scans = kept.load(path)
         session = cls(weights=weights)
         for scan in scans:
             session.configure(**scan.config)
             session._add(scan.kind, scan.arrays, scan.words)
         session.configure(**config)
         session.set_given_views(given)
+        session._native.set_rejected_from(rejected_from)
         return session
 
     def add_depth(
@@ -148,6 +151,9 @@ class Session:
         `ValueError`. `add_depth(depth, world_from_camera=pose, **dataclasses.asdict(read_camera(path)))` takes a whole calibration.
         `table_angle_deg` is the turntable's angle (`turntable` of the settings): the scan is given in the
         frame that does not turn.
+
+        With `registration.register = "refine"` a scan that cannot be registered raises `PlanError` and is not in the session; views
+        from near its camera are ruled out until another scan is added.
         """
         return self._add(
             "depth",
@@ -232,7 +238,9 @@ class Session:
 
     def configure(self, **changes: Any) -> None:
         """Changes settings; the scans stay. One out of range raises `ValueError`, and the old ones stay."""
-        self._native.configure(json.dumps(changes, default=plain))
+        # Not while a scan is added: it is kept with the settings that it came under.
+        with self._lock:
+            self._native.configure(json.dumps(changes, default=plain))
 
     @property
     def config(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 use super::*;
 use crate::messages::{ByteArray, PointCloud2, PointField, TFMessage, Time, TransformStamped};
 use formats::config::overlaid;
-use planning::{Session, SessionConfig};
+use planning::{Session, SessionConfig, SessionError};
 use serde_json::json;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -44,7 +44,12 @@ impl Planner for Asked {
                 let file = formats::cloud::parse_cloud("cloud.pcd".as_ref(), &bytes).expect("a PCD");
                 let from: [f64; 3] = serde_json::from_value(body["from"].clone()).expect("a position");
                 let scan = planning::Scan::Cloud { cloud: file.cloud, from: Some(from.into()) };
-                session.add_scan(scan).map_err(|e| refused(e.to_string()))?;
+                session.add_scan(scan).map_err(|e| match e {
+                    SessionError::Unregistered { .. } => {
+                        Refused { code: "unregistered".to_owned(), message: e.to_string() }
+                    }
+                    _ => refused(e.to_string()),
+                })?;
                 json!({ "notes": ["read"] })
             }
             Ask::NextView if self.no_view.load(std::sync::atomic::Ordering::SeqCst) => {
@@ -81,7 +86,12 @@ fn config() -> Ros2Config {
 
 /// A sheet 0.5 m before a camera that stands at (1, 0, 0).
 fn sheet() -> PointCloud2 {
-    let points = (0..900).map(|i| [(i % 30) as f32 * 0.004, (i / 30) as f32 * 0.004, 0.5]);
+    sheet_at(0.5)
+}
+
+/// The same at this distance.
+fn sheet_at(z: f32) -> PointCloud2 {
+    let points = (0..900).map(|i| [(i % 30) as f32 * 0.004, (i / 30) as f32 * 0.004, z]);
     let field =
         |(i, name): (usize, &str)| PointField { name: name.to_owned(), offset: 4 * i as u32, datatype: 7, count: 1 };
     PointCloud2 {
@@ -187,6 +197,56 @@ fn scans_that_come_and_go_over_http_end_the_wait_for_a_view() {
     come(&inbox, sheet());
     let said = plan();
     assert!(said.success && scans() == 3, "planned on the scan that came last: {}", said.message);
+}
+
+/// Registers scans, and rules out no view for what its scan would see.
+const REFINE: &str = r#"{"registration": {"register": "refine", "registrability": "off"}}"#;
+
+#[test]
+fn after_a_rejected_scan_the_next_view_is_planned_and_the_next_scan_taken() {
+    let (inbox, planner, stop) = (inbox(), Asked::new(), AtomicBool::new(false));
+    let desk = Desk { inbox: &inbox, planner: &planner, stop: &stop };
+    let mut pending = Pending::default();
+    let mut plan = |changes: &str| desk.plan(&config(), changes, &header(), &mut pending);
+    let scans = || planner.session().expect("one").scans;
+    come(&inbox, sheet());
+    let (first, _) = plan(REFINE);
+    assert!(first.success && !first.message.contains("rejected"), "{}", first.message);
+    come(&inbox, sheet_at(0.9));
+    let (said, published) = plan("");
+    assert!(said.success, "{}", said.message);
+    let report: Value = serde_json::from_str(&said.message).expect("JSON");
+    let why = report["scan"]["rejected"].as_str().expect("a reason");
+    assert!(why.contains("cannot be registered"), "{why}");
+    assert_eq!((&report["stop"], &report["session"]["scans"]), (&json!(false), &json!(1)));
+    assert!(published.expect("messages").next_view.is_some());
+    let (again, _) = plan("");
+    assert!(again.message.starts_with("no_new_scan: "), "not rejected twice: {}", again.message);
+    come(&inbox, sheet());
+    let (next, _) = plan(r#"{"registration": {"register": "off"}}"#);
+    assert!(next.success && scans() == 2, "{}", next.message);
+}
+
+#[test]
+fn a_rejected_scan_that_got_no_view_is_told_and_not_added_again() {
+    let (inbox, planner, stop) = (inbox(), Asked::new(), AtomicBool::new(false));
+    let desk = Desk { inbox: &inbox, planner: &planner, stop: &stop };
+    let mut pending = Pending::default();
+    let mut plan = |changes: &str| desk.plan(&config(), changes, &header(), &mut pending).0;
+    let no_view = |yes| planner.no_view.store(yes, std::sync::atomic::Ordering::SeqCst);
+    come(&inbox, sheet());
+    assert!(plan(REFINE).success);
+    come(&inbox, sheet_at(0.9));
+    no_view(true);
+    let late = plan("").message;
+    assert!(late.starts_with("x: the scan was rejected (the scan cannot be registered"), "{late}");
+    assert!(late.ends_with("), and planning failed (plan again): it took too long"), "{late}");
+    no_view(false);
+    let said = plan("");
+    let report: Value = serde_json::from_str(&said.message).expect("JSON");
+    assert_eq!((said.success, &report["scan"]), (true, &Value::Null));
+    let adds = planner.bodies.lock().expect("kept").iter().filter(|(ask, _)| *ask == Ask::AddScan).count();
+    assert_eq!(adds, 2);
 }
 
 #[test]

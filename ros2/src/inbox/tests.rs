@@ -54,6 +54,18 @@ fn points_in_the_base_frame_need_the_name_of_their_camera() {
 }
 
 #[test]
+fn an_image_in_the_base_frame_was_taken_from_its_origin() {
+    let inbox = Inbox::new(Duration::from_secs(60));
+    let header = Header { stamp: Time { sec: 6, nanosec: 0 }, frame_id: "base".to_owned() };
+    inbox.take_camera(CameraInfo { header: header.clone(), ..CameraInfo::default() });
+    inbox.take_scan("a".to_owned(), Measurement::Depth(Arc::new(Image { header, ..Image::default() })));
+    let depth = Ros2Config { depth_topic: "/eye/depth".to_owned(), cloud_topic: String::new(), ..config() };
+    let found = ready(&inbox, &depth).expect("a scan");
+    assert_eq!(found.placement.base_from_sensor, Some(found.placement.base_from_frame));
+    assert!(matches!(&found.notes[..], [note] if note.contains("in the origin of that frame")), "{:?}", found.notes);
+}
+
+#[test]
 fn several_publishers_are_told() {
     let inbox = Inbox::new(Duration::from_secs(60));
     tell(&inbox, "left", 1.0, 0, true);

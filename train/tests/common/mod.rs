@@ -11,10 +11,12 @@ use geometry::{PointCloud, View};
 use nalgebra::{Point3, Vector3};
 use planning::CandidateView;
 use rand::RngExt;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use train::augment::AugmentConfig;
 use train::config::{EpisodesConfig, TrainConfig};
+use train::{BenbvTask, Dataset, Outcome, Run, TrainError};
 
 /// The CPU backend has one random generator for the whole process: trainings take turns.
 pub fn one_at_a_time() -> MutexGuard<'static, ()> {
@@ -115,6 +117,26 @@ pub fn tiny_config() -> TrainConfig {
         episodes: EpisodesConfig { every_epochs: 0, ..Default::default() },
         ..Default::default()
     }
+}
+
+/// Trains on the set in `data` until step `last`, or resumes that; checkpoints say that they were made of `a set`.
+pub fn run_until(
+    config: &TrainConfig,
+    data: &Path,
+    dir: &Path,
+    resume: bool,
+    last: u64,
+) -> Result<Outcome, TrainError> {
+    let data = Dataset::open(data, config.validation.fraction, config.seed)?;
+    let stop = |step: u64| step >= last;
+    let provenance = BTreeMap::from([("data".to_string(), "a set".to_string())]);
+    let run = Run { dir, resume, quiet: true, stop: &stop, provenance };
+    train::train(&BenbvTask::new(config, &data), config, &run)
+}
+
+/// [`run_until`] the end.
+pub fn run(config: &TrainConfig, data: &Path, dir: &Path) -> Result<Outcome, TrainError> {
+    run_until(config, data, dir, false, u64::MAX)
 }
 
 /// Weights and running statistics, one after the other.

@@ -3,15 +3,16 @@
 use super::{VERSION, WAY_OUT};
 use crate::service::Refusal;
 use formats::FormatError;
+use formats::lock::LockError;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Why sessions cannot be kept, or not be read again.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// Two services, one folder.
-    #[error("{0:?}: in use by another infer: stop it, or give another folder")]
-    Taken(PathBuf),
+    /// Two services, one folder, or a folder that cannot be made.
+    #[error(transparent)]
+    Lock(#[from] LockError),
     /// The system refuses.
     #[error("{path:?}: {source}")]
     Io {

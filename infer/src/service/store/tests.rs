@@ -1,8 +1,10 @@
 use super::*;
-use crate::service::{Key, Reply};
+use crate::service::{Fingerprint, Key, Method, Reply};
+use nalgebra::{Isometry3, Vector3};
 
 fn kept(key: &str, body: &str) -> Kept {
-    Kept::new(Key::new(key, 1).expect("a key"), &Reply::new(200, body.to_owned()))
+    let key = Key::new(key, Method::Create, None, &Fingerprint::default()).expect("a key");
+    Kept::new(key, &Reply::new(200, body.to_owned()))
 }
 
 #[test]
@@ -11,10 +13,13 @@ fn sessions_are_found_again_as_they_were_written() {
     let folder = place.path().join("state");
     let (store, Found { last, sessions, .. }) = Store::open(&folder).expect("a new one");
     assert_eq!((last, sessions.len()), (0, 0));
-    assert!(matches!(Store::open(&folder), Err(StoreError::Taken(_))), "one at a time");
+    let taken = Store::open(&folder).err().expect("one at a time").to_string();
+    assert!(taken.contains("in use by another process (infer, process"), "{taken}");
     let config = SessionConfig { tolerance_m: 0.1 + 0.2, ..Default::default() };
     store.create(7, &Record::new(0, Vec::new(), &config), Vec::new()).expect("written");
-    let scan = Written { line: false, bytes: b"{\n}".to_vec() };
+    let pose = Isometry3::new(Vector3::new(0.1 + 0.2, -1.0, 1e-300), Vector3::new(0.3, 0.2, 0.1));
+    let told = Told { notes: vec!["a \"note\"".to_owned()], world_from_camera: Some(pose) };
+    let scan = Written { line: false, bytes: b"{\n}".to_vec(), told: Some(told) };
     let rejected_from_m = vec![[0.1 + 0.2, -1.0, 1e-300], [0.0; 3]];
     let one = Record { rejected_from_m, created: Some(kept("c", "{}")), ..Record::new(1, Vec::new(), &config) };
     store.write(7, &one, Some(&scan)).expect("written");
@@ -90,7 +95,7 @@ fn damage_is_told_with_its_file() {
     let (store, Found { last, .. }) = Store::open(place.path()).expect("the folder");
     assert!(last > 1000, "no name is given twice: {last}");
     let scan = place.path().join("1/scan-0001");
-    File::create(&scan).and_then(|file| file.set_len(80 << 20)).expect("a hole");
+    fs::File::create(&scan).and_then(|file| file.set_len(80 << 20)).expect("a hole");
     let large = store.scan_size(1, 1, 64 << 20).expect_err("large").to_string();
     assert!(large.contains("80 MiB, more than service.body_mib = 64 allows: raise it to 80"), "{large}");
     assert!(!large.contains(WAY_OUT), "nothing is wrong with it: {large}");
@@ -102,7 +107,7 @@ fn every_flipped_bit_and_every_lost_end_is_noticed() {
     let place = tempfile::tempdir().expect("a folder");
     let (store, _) = Store::open(place.path()).expect("a new one");
     let config = SessionConfig::default();
-    let scan = Written { line: true, bytes: br#"{"points": [[0.125, 0.25, 0.5]]}"#.to_vec() };
+    let scan = Written { line: true, bytes: br#"{"points": [[0.125, 0.25, 0.5]]}"#.to_vec(), told: None };
     store.create(1, &Record::new(0, Vec::new(), &config), vec![kept("k", "{}")]).expect("written");
     store.write(1, &Record::new(1, Vec::new(), &config), Some(&scan)).expect("written");
     drop(store);
@@ -143,7 +148,7 @@ fn what_version_1_wrote_is_read() {
     let (store, Found { last, sessions, .. }) = Store::open(place.path()).expect("the folder");
     assert!(last == 4 && matches!(sessions[..], [(4, Ok(1))]), "{sessions:?}");
     let config = SessionConfig { tolerance_m: 0.003, ..Default::default() };
-    assert_eq!(store.scan(4, 1).expect("there"), (config, Written { line: false, bytes: b"{}".to_vec() }));
+    assert_eq!(store.scan(4, 1).expect("there"), (config, Written { line: false, bytes: b"{}".to_vec(), told: None }));
 }
 
 /// A folder with a session 1.
@@ -192,7 +197,7 @@ fn a_session_that_cannot_be_removed_is_still_there_after_a_restart() {
 fn a_removed_session_is_not_written_again() {
     let (place, store) = with_a_session();
     store.remove(1).expect("ended");
-    let scan = Written { line: false, bytes: b"{}".to_vec() };
+    let scan = Written { line: false, bytes: b"{}".to_vec(), told: None };
     let one = Record::new(1, Vec::new(), &SessionConfig::default());
     assert!(store.write(1, &one, Some(&scan)).is_err());
     assert!(!place.path().join("1").exists());

@@ -20,6 +20,8 @@ const LISTED: f64 = 1e-3;
 const DIRECTIONS: usize = 24;
 /// A ray shows a voxel if it ends within this many voxels of its middle.
 const NEAR: f32 = 2.0;
+/// Places of the expected surface that views look at, about, where those at the boundary do not see it.
+const LOOKED_AT: usize = 16;
 /// Cosine to the expected normal under which a camera stands beside or behind.
 const EDGE_ON: f64 = 0.2;
 
@@ -126,6 +128,19 @@ impl VolumetricPlanner {
         holes.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
         holes
     }
+}
+
+/// Views at the expected surface, straight and from two sides.
+pub(super) fn views(grid: &VoxelGrid, distance: f64) -> impl Iterator<Item = View> {
+    let count = grid.expected.len() + grid.backs.len();
+    let spots = Spot::all(grid).step_by(count.div_ceil(LOOKED_AT).max(1));
+    spots.flat_map(move |spot| {
+        let normal = spot.normal.try_normalize(1e-9);
+        let aside = normal.map(|n| n.cross(&if n.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() }).normalize());
+        let directions = normal.zip(aside).map(|(n, a)| [n, (n + a).normalize(), (n - a).normalize()]);
+        let view = move |d: Vector3<f64>| View { target: spot.point, position: spot.point + distance * d };
+        directions.into_iter().flatten().map(view)
+    })
 }
 
 /// What is expected, in pieces whose voxels touch.

@@ -34,8 +34,10 @@ impl VoxelGrid {
             let a = n.cross(&any).normalize();
             let [a, b] = [a, n.cross(&a)].map(|v| v.cast::<f32>());
             for k in 0..SAMPLES {
-                // The seeds of a sunflower, turned from point to point.
-                let r = radius * ((k as f32 + 0.5) / SAMPLES as f32).sqrt();
+                // The seeds of a sunflower, turned from point to point; where the innermost would all miss what their own point covers, moved
+                // in and out, too.
+                let ring = if 4.0 * tolerance < radius { (i % 64) as f32 / 64.0 } else { 0.5 };
+                let r = radius * ((k as f32 + ring) / SAMPLES as f32).sqrt();
                 let (sin, cos) = (GOLDEN_ANGLE * (SAMPLES * (i % 64) + k) as f32).sin_cos();
                 let o = [0, 1, 2].map(|k| r * (a[k] * cos + b[k] * sin));
                 let (mut drawn, mut covered) = (0u32, false);
@@ -78,7 +80,7 @@ pub(super) struct Forecast {
     pub(super) known: f64,
     /// The same behind unknown space.
     pub(super) known_behind: f64,
-    /// Covered share of both.
+    /// Of both, the share that points cover; the gaps that pixels leave at every look count as covered.
     pub(super) covered: f64,
     /// The same in square metres.
     pub(super) area: Area,
@@ -91,8 +93,8 @@ pub(super) struct Area {
     pub(super) known: f64,
     /// The membrane, as far as it is believed.
     pub(super) expected: f64,
-    /// What its points would cover within the tolerance and no point covers yet: of the membrane, and of measured surface where
-    /// pixels leave no gaps.
+    /// What its points would cover within the tolerance and no point covers yet, over the share that they cover of what is met at a right
+    /// angle: of the membrane, and of measured surface where pixels leave no gaps.
     pub(super) covered: f64,
     /// Across the pixels that enter unknown space and do not meet the membrane there.
     pub(super) beyond: f64,
@@ -115,6 +117,13 @@ const EDGE: f32 = 0.25;
 /// The same for the membrane, whose normals are as coarse as its voxels: so that the gain told is the true one on the mean
 /// (the example `gain_matrix` of `datagen`).
 pub(super) const COARSE: f32 = 0.45;
+
+/// What a view sees of the membrane over what it will measure, on the median: in an image, outlines of voxels reach past those of the object, the
+/// farther the coarser they are beside it. Fitted to 526 first choices on 24 objects with voxels of 0.7 to 7 mm, of whom 493 instead of 471 are told
+/// within 0.67 to 1.5 of the truth by it (the example `gain_matrix` of `datagen`). `whole` is the surface, measured and expected, square metres.
+pub(super) fn swollen(voxel: f64, whole: f64) -> f64 {
+    0.82 + 6.3 * voxel / whole.sqrt()
+}
 
 /// Share of a surface within `tolerance` of points that are `pitch` apart one way and `pitch / cosine` the other.
 pub(super) fn covered_share(pitch: f32, cosine: f32, tolerance: f32) -> f32 {
@@ -240,7 +249,8 @@ impl Marcher<'_> {
     }
 
     /// Counts what a ray has met: `across` is the area across it that a pixel sees at a distance, `share` how much of a surface
-    /// that is met there at an angle of this cosine its points cover.
+    /// that is met there at an angle of this cosine its points cover. Where that is little even at a right angle, it is little for every view:
+    /// gain and overlap are held against it, or a look at what was seen would seem to overlap by half, and one at the rest to add nothing.
     #[inline(always)]
     fn count(
         &self,
@@ -268,16 +278,17 @@ impl Marcher<'_> {
                 let grid = self.grid();
                 let belief = grid.expected.get(grid.slot[index] as usize).map_or(1.0, |voxel| voxel.belief);
                 area.expected += f64::from(belief) * across(at) / f64::from(cosine.max(COARSE));
-                area.covered += seen * share(at, cosine);
+                area.covered += seen * share(at, cosine) / share(at, 1.0);
             }
             Hit::Known { hidden, voxel, cosine, at } => {
                 counts[0] += u32::from(hidden);
                 counts[if hidden { 3 } else { 2 }] += 1;
-                *covered += voxel.covered;
+                let look = share(at, 1.0);
+                *covered += 1.0 - look as f32 * (1.0 - voxel.covered);
                 let seen = across(at) / f64::from(cosine.max(EDGE));
                 area.known += seen;
                 // Where pixels are coarser than what a point covers, every look leaves gaps, and where they are cannot be foretold.
-                let gapless = share(at, 1.0) >= 1.0;
+                let gapless = look >= 1.0;
                 area.covered += if gapless { seen * f64::from(1.0 - voxel.covered) * share(at, cosine) } else { 0.0 };
                 area.beyond += if hidden { across(at) } else { 0.0 };
             }

@@ -92,8 +92,8 @@ fn voxels_are_as_wide_as_what_a_point_covers_and_rays_as_far_apart() {
     };
     expect(0.6, 0.002, 0.004, 3);
     expect(1.2, 0.002, 0.004, 2);
-    expect(2.0, 0.002, 0.004, 1);
-    expect(3.0, 0.002, pixel(3.0), 1);
+    expect(1.5, 0.002, 0.004, 1);
+    expect(3.0, 0.002, 1.25 * pixel(3.0), 1);
     expect(1.2, 0.02, 3.5 * pixel(1.2), 4);
 }
 
@@ -213,8 +213,9 @@ fn leaps_and_tiles_change_nothing() {
     // From far, from the side, off the axis, and from among the voxels.
     for at in [[0.0, 0.0, 1.2], [1.0, 0.3, 0.1], [-0.4, 0.5, -0.6], [0.1, 0.1, 0.15], [0.02, -0.01, -0.12]] {
         let view = View { target: Point3::new(0.01, 0.02, 0.0), position: at.into() };
+        // Of points that leave no gaps.
         let (fast, slow) =
-            (marcher.forecast(&camera, &view.world_from_camera(), 1, 0.002), every_step(&grid, &camera, &view, 1));
+            (marcher.forecast(&camera, &view.world_from_camera(), 1, 1.0), every_step(&grid, &camera, &view, 1));
         let pairs = [
             (fast.hidden, slow.hidden),
             (fast.expected, slow.expected),

@@ -76,12 +76,24 @@ fn a_run_waits_for_a_scan_that_added_little() {
     let compared = second.compared().expect("a prediction");
     assert!(compared >= added && compared >= second.expected_gain.expect("a prediction"));
     assert!(!stop(&[0.0, 0.2], compared - 1e-6).stop);
-    // Nobody has seen their other sides: that is more than the threshold.
-    assert!(!stop(&[0.0, 0.2], compared + 1e-6).stop && stop(&[0.0, 0.2], 0.9).stop);
+    // Nobody has seen their other sides, which a view shows.
+    assert!(compared > 0.1 && stop(&[0.0, 0.2], compared + 1e-6).stop, "{compared}");
     // The third adds nothing, and half of what the second added is still more than any view is expected to.
     let third = stop(&[0.0, 0.2, 0.2], 0.0);
     let (last, two) = (third.last_added.expect("scans before"), third.last_two_added.expect("scans before"));
     assert!(last < 0.01 && two > 0.1, "{last} {two}");
+}
+
+#[test]
+fn a_run_goes_on_while_much_is_sure_to_be_missing_though_no_view_is_expected_to_add_to_it() {
+    let answer = session(&[0.0]).next_view().expect("an answer");
+    let missing = answer.missing.expect("made out");
+    let sure = missing.between[0];
+    assert!(sure > 0.1, "the other side: {missing:?}");
+    let mut candidates = answer.candidates;
+    candidates.iter_mut().for_each(|c| c.expected_gain = Some(0.0));
+    let stops = |below| Stop::judge(&candidates, below, false, [None; 2], Some(&missing)).stop;
+    assert!(!stops(0.02) && !stops(sure - 0.01) && stops(sure + 0.01));
 }
 
 #[test]

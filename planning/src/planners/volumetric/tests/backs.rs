@@ -170,11 +170,27 @@ fn what_is_mostly_backs_is_looked_at_from_behind_next() {
 #[test]
 fn where_cameras_are_estimated_nothing_is_said_of_backs() {
     let mut state = scanned(&[FRONT, EDGE]);
-    let trust = Trust { misfit: 0.1, against_other_side: 0.5 };
+    let trust = Trust { misfit: 0.1, against_other_side: 0.5, span: 5.0 };
     for scan in &mut state.scans {
         Arc::make_mut(scan).pose = CameraPose::Estimated(trust);
     }
     let mut planner = VolumetricPlanner::default();
     planner.forecast(&state, &mut rng::stream(1, "plate"));
     assert!(planner.grid.expect("a grid").backs.is_empty());
+}
+
+#[test]
+fn what_was_seen_from_above_on_all_sides_is_looked_at_from_below() {
+    let above = [[0.85, 0.0], [-0.85, 0.0], [0.0, 0.85], [0.0, -0.85]].map(|[x, y]| [x, y, 0.85]);
+    let eyes: Vec<[f64; 3]> = [FRONT].into_iter().chain(above).collect();
+    for count in [1, 5] {
+        let mut state = scanned(&eyes[..count]);
+        state.given_views = Default::default();
+        let forecasts = VolumetricPlanner::default().forecast(&state, &mut rng::stream(1, "plate"));
+        let of_rim = forecasts.views.iter().filter(|f| f.view.direction().z > -0.2);
+        let most = of_rim.map(|f| f.reported_gain).fold(0.0, f64::max);
+        let ranked = VolumetricPlanner::default().rank(&forecasts);
+        assert!(ranked[0].view.direction().z < -0.3, "after {count}: {:?}, {most} from above", ranked[0]);
+        assert!(ranked[0].gain > Some(0.2), "after {count}: {:?}", ranked[0]);
+    }
 }
