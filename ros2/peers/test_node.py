@@ -425,6 +425,7 @@ def test_the_example_scans_all_around(robot, transforms):
     print("\n" + "\n".join(f"{s['session']['scans']} scans: {s['reason']}" for s in said))
     assert said[-1]["stop"] and 3 <= len(said) <= 9
     known = said[-1]["missing"]
-    assert known is not None and known < 0.1
+    # From above the floor, the underside is seen flat.
+    assert known is not None and known < 0.12
     robot.parameter("config", '{"stop_below": 0.0}')
     loop.destroy_node()
