@@ -315,7 +315,9 @@ impl VolumetricPlanner {
         };
         let mut views = look_at(&candidates);
         let most = views.iter().map(|f| f.reported_gain).fold(0.0, f64::max);
-        let elsewhere = state.given_views.is_empty() && missing > MUCH && most < LITTLE * missing;
+        // Where there is no boundary the surface is closed: a run ends.
+        let open = state.given_views.is_empty() && !views.is_empty();
+        let elsewhere = open && missing > MUCH && most < LITTLE * missing;
         if elsewhere {
             let at_holes: Vec<_> = holes::views(&grid, state.working_distance).map(|view| (view, None)).collect();
             views.extend(look_at(&at_holes));
