@@ -4,20 +4,21 @@
 mod backs;
 mod belief;
 mod carved;
+mod forecasts;
 mod grid;
 mod holes;
 mod march;
 mod membrane;
 mod predict;
+mod rank;
 mod silhouette;
 mod tiles;
 
 use crate::candidates::candidate_views;
-use crate::overlap::margin;
 use crate::planner::checked;
 use crate::{Angles, CandidateConfig, PastScan, PlanError, Planner, RankedView, ScanState};
 use carved::Carved;
-use geometry::coverage::overlap_response;
+pub use forecasts::{Forecasts, Surface, ViewForecast};
 use geometry::{PinholeCamera, View};
 use grid::VoxelGrid;
 pub use holes::{Allowed, ExpectedPoint, Hole, SeenPart, Unseen};
@@ -52,8 +53,9 @@ pub struct VolumetricConfig {
     /// Added to the score per half turn between a view and the nearest past one (0.08): late, when little is expected
     /// anywhere, what is still missing is rather seen from where no camera has been.
     pub novelty: f64,
-    /// Views with a smaller expected overlap, less what it may be missed by ([`crate::overlap::margin`]), come after all others,
-    /// those with the most of it first (0: none).
+    /// Views with a smaller expected overlap, within the tolerance and less what it may be missed by ([`crate::overlap::margin`]), come after
+    /// all others, those with the most of it first (0: none). Where points are too far apart for that, six tenths of a scan of measured
+    /// surface are enough.
     pub min_overlap: f64,
     /// Voxels are twice the tolerance wide, at least 1.25 pixels at the working distance and a spacing of the cloud, and at most this many of
     /// the coarser of the two (3.5). They grow where memory would not do. About one ray goes through each.
@@ -89,10 +91,6 @@ const BOUND: f64 = 1.5;
 /// Voxels this many pixels wide have a point each where a surface was measured: through those without, the membrane passed as if nothing were
 /// known there, and after four scans a fourth to a third of the surface was told to be missing where a seventh was (docs/log.md).
 const GAPLESS: f64 = 1.25;
-/// Weight of the gain in the score.
-const GAIN: f64 = 1.3;
-/// Weight of the expected surface in the coverage that the score goes by: gain and overlap change places early.
-const FINISHED: f64 = 0.41;
 /// Share of the whole from which on the backs of thin parts are looked for: they have candidates, and count in the score. Fewer mostly lie within
 /// the tolerance of their fronts, so that views at them gain nothing by it (docs/log.md).
 const THIN: f64 = 0.25;
@@ -101,65 +99,6 @@ const THIN: f64 = 0.25;
 /// missing are looked at, too: the other side of a sheet is seen from none of the directions around its rim.
 const MUCH: f64 = 0.1;
 const LITTLE: f64 = 0.25;
-
-/// What the planner expects of a view.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ViewForecast {
-    /// The view.
-    pub view: View,
-    /// Which of the given views it is; `None` where views are not given.
-    pub given: Option<usize>,
-    /// What the score counts, as a share of the whole: the surface that its points would cover within the tolerance and that no point
-    /// covers yet, expected or measured, and half of what pixels see that enter unknown space without meeting any.
-    pub gain: f64,
-    /// The gain to tell: the expected surface in its image as a share of the whole, at most what is missing, and less where
-    /// past scans looked and measured nothing.
-    pub reported_gain: f64,
-    /// Overlap of its scan with the cloud, within the tolerance, which the score counts; `None` where nothing is expected to
-    /// be seen.
-    pub overlap: Option<f64>,
-    /// The overlap to tell: the share of its scan that shows surface which was measured already, however densely.
-    pub reported_overlap: Option<f64>,
-    /// The same if some of what is beyond turns out to be surface: wings and legs that nothing told of.
-    pub cautious_overlap: Option<f64>,
-    /// Angle at the target between the view and the nearest past camera, in half turns.
-    pub novelty: f64,
-    /// Measured surface in its image, square metres.
-    pub known_m2: f64,
-    /// Surface expected in unknown space in its image, as far as it is believed, square metres.
-    pub expected_m2: f64,
-    /// Pixels by what they show, as shares of all that show something: those that enter unknown space before they meet
-    /// surface, those of them that meet the membrane, those that meet surface from its front, the same behind unknown
-    /// space, and the covered share of both.
-    pub pixels: [f64; 5],
-}
-
-/// What it expects of all candidates.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Forecasts {
-    /// The candidates, in their order.
-    pub views: Vec<ViewForecast>,
-    /// The whole surface, without the backs of thin parts: to the tolerance most lie where their fronts do.
-    pub surface: Surface,
-    /// Whether views at the boundary see little of what is missing: then gain alone counts, and the last candidates look at that.
-    pub elsewhere: bool,
-}
-
-/// The surface as far as it is known, and as far as it is expected where nothing is known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Surface {
-    /// Measured, square metres.
-    pub known_m2: f64,
-    /// Expected in unknown space, square metres: a membrane closes what is open.
-    pub expected_m2: f64,
-}
-
-impl Surface {
-    /// Share of the whole that is measured.
-    pub fn covered(&self) -> f64 {
-        self.known_m2 / (self.known_m2 + self.expected_m2).max(f64::MIN_POSITIVE)
-    }
-}
 
 /// The policy `volumetric`. It needs past scans with camera poses, and has no view to offer where there is none.
 ///
@@ -300,6 +239,7 @@ impl VolumetricPlanner {
                 overlap: seen.overlap(trust),
                 reported_overlap: told.seen_again(trust),
                 cautious_overlap: told.seen_again_at_least(trust, carves),
+                dense: seen.dense(),
                 novelty: novelty(view, &state.scans),
                 known_m2: area.known,
                 expected_m2: area.expected + backs,
@@ -324,42 +264,6 @@ impl VolumetricPlanner {
         }
         (self.grid, self.leaps) = (Some(grid), Some(leaps));
         Forecasts { views, surface: Surface { known_m2, expected_m2: membrane_m2 }, elsewhere }
-    }
-
-    /// The views by BENBV's score of their forecasts, best first.
-    pub fn rank(&self, forecasts: &Forecasts) -> Vec<RankedView> {
-        let Surface { known_m2, expected_m2 } = forecasts.surface;
-        let finished = known_m2 / (known_m2 + FINISHED * expected_m2).max(f64::MIN_POSITIVE);
-        let weight = match forecasts.elsewhere {
-            true => 1.0,
-            false => 1.0 / (1.0 + (-10.0 * (finished - self.config.weight_center)).exp()),
-        };
-        // What lies beyond may be more than the whole early: a share of the most then, so that no score exceeds 1.
-        let most = forecasts.views.iter().map(|f| GAIN * f.gain).fold(1.0, f64::max);
-        let score = |f: &ViewForecast| {
-            let reward = f.overlap.map_or(0.0, overlap_response);
-            let now = weight * GAIN * f.gain / most + (1.0 - weight) * reward;
-            (now + self.config.novelty * f.novelty) / (1.0 + self.config.novelty)
-        };
-        let ranked = |f: &ViewForecast| {
-            let score = if self.config.gain_only { f.gain } else { score(f) };
-            RankedView {
-                gain: Some(f.reported_gain),
-                overlap: f.reported_overlap,
-                cautious_overlap: f.cautious_overlap,
-                given: f.given,
-                ..RankedView::scored(f.view, score)
-            }
-        };
-        let mut ranked: Vec<RankedView> = forecasts.views.iter().map(ranked).collect();
-        let least = match self.config.min_overlap {
-            none if none <= 0.0 => 0.0,
-            asked => asked + margin(self.placed),
-        };
-        // What lacks of it: nothing where it is enough. Where no view has enough, the one with the most comes first.
-        let lack = |r: &RankedView| (least - r.cautious_overlap.unwrap_or(0.0)).max(0.0);
-        ranked.sort_by(|a, b| lack(a).total_cmp(&lack(b)).then(b.score.total_cmp(&a.score)));
-        ranked
     }
 }
 

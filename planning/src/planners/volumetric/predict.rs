@@ -82,6 +82,8 @@ pub(super) struct Forecast {
     pub(super) known_behind: f64,
     /// Of both, the share that points cover; the gaps that pixels leave at every look count as covered.
     pub(super) covered: f64,
+    /// The same where the gaps that pixels leave do not.
+    pub(super) dense: f64,
     /// The same in square metres.
     pub(super) area: Area,
 }
@@ -168,6 +170,12 @@ impl Forecast {
         self.known + self.known_behind + self.expected
     }
 
+    /// Share of the measured surface in its image that lies within the tolerance of a point.
+    pub(super) fn dense(&self) -> f64 {
+        let known = self.known + self.known_behind;
+        if known > 0.0 { self.dense / known } else { 1.0 }
+    }
+
     fn share(&self, of: f64) -> Option<f64> {
         (self.seen() > 0.0).then(|| (of / self.seen()).min(1.0))
     }
@@ -196,6 +204,7 @@ struct Sums {
     /// Of [`Forecast::hidden`], `expected`, `known` and `known_behind`.
     counts: [u32; 4],
     covered: f32,
+    dense: f32,
     /// Square voxels.
     area: Area,
 }
@@ -245,7 +254,8 @@ impl Marcher<'_> {
         let pixels = (f64::from(TILE) / f64::from(TILE.div_ceil(stride))).powi(2);
         let [hidden, expected, known, known_behind] = sums.counts.map(|c| f64::from(c) * pixels);
         let area = sums.area.scaled(pixels * self.grid().voxel.powi(2));
-        Forecast { hidden, expected, known, known_behind, covered: f64::from(sums.covered) * pixels, area }
+        let [covered, dense] = [sums.covered, sums.dense].map(|c| f64::from(c) * pixels);
+        Forecast { hidden, expected, known, known_behind, covered, dense, area }
     }
 
     /// Counts what a ray has met: `across` is the area across it that a pixel sees at a distance, `share` how much of a surface
@@ -260,7 +270,7 @@ impl Marcher<'_> {
         across: impl Fn(f32) -> f64,
         share: impl Fn(f32, f32) -> f64,
     ) {
-        let Sums { counts, covered, area } = sums;
+        let Sums { counts, covered, dense, area } = sums;
         match *hit {
             Hit::Nothing { entered: None } => {}
             Hit::Nothing { entered: Some(at) } if !self.measures(at, 1.0) => {}
@@ -285,6 +295,7 @@ impl Marcher<'_> {
                 counts[if hidden { 3 } else { 2 }] += 1;
                 let look = share(at, 1.0);
                 *covered += 1.0 - look as f32 * (1.0 - voxel.covered);
+                *dense += voxel.covered;
                 let seen = across(at) / f64::from(cosine.max(EDGE));
                 area.known += seen;
                 // Where pixels are coarser than what a point covers, every look leaves gaps, and where they are cannot be foretold.

@@ -195,6 +195,9 @@ fn where_pixels_leave_gaps_a_second_look_overlaps_and_another_side_is_new() {
     let gapless = ScanState { tolerance: 0.002, reach: 0.002, ..state.clone() };
     let fine = VolumetricPlanner::default().forecast(&gapless, &mut rng::stream(1, "planner"));
     assert!((beside.overlap.unwrap() - fine.views[1].overlap.unwrap()).abs() < 0.15, "{beside:?} {:?}", fine.views[1]);
+    // What of it lies within the tolerance is told beside it.
+    let dense = [again.dense, fine.views[0].dense];
+    assert!((0.1..0.2).contains(&dense[0]) && dense[1] > 0.9, "{dense:?}");
 }
 
 #[test]
