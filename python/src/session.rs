@@ -8,7 +8,7 @@ use infer::changed_settings;
 use infer::load::{DepthCamera, Loaded, Origin};
 use infer::plan::Planned;
 use nalgebra::Isometry3;
-use numpy::PyArray2;
+use numpy::{PyArray2, PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
 use planning::session::{AskedView, Request, Verdict, ViewCheck};
 use planning::{Budget, NoReturn, Reading, Scan, SessionConfig};
 use pyo3::exceptions::PyTypeError;
@@ -46,23 +46,28 @@ fn misses(text: Option<&str>, usual: NoReturn) -> Result<NoReturn, Fault> {
     }
 }
 
+/// The kind that numpy has for a single value, its own or that of a library it can read: a float can be had of truths and whole numbers too.
+fn scalar_kind(value: &Bound<'_, PyAny>) -> Option<u8> {
+    let array = value.py().import("numpy").and_then(|numpy| numpy.call_method1("asarray", (value,))).ok()?;
+    let array = array.cast_into::<PyUntypedArray>().ok()?;
+    (array.ndim() == 0).then(|| array.dtype().kind())
+}
+
 /// What Python says of a view.
 fn verdict(answer: &Bound<'_, PyAny>) -> PyResult<Verdict> {
     let no = |reason: String| Ok(Verdict::Unreachable { reason });
     if answer.is_none() {
         return Ok(Verdict::Reachable { cost: 0.0 });
     }
-    match answer.extract::<bool>() {
-        Ok(true) => return Ok(Verdict::Reachable { cost: 0.0 }),
-        Ok(false) => return no("not reachable".to_owned()),
-        Err(_) => {}
-    }
     if let Ok(reason) = answer.extract::<String>() {
         return no(reason);
     }
     // Of a whole number nobody knows whether it is meant as a cost, or as true or false.
-    if let (Ok(cost), Err(_)) = (answer.extract::<f64>(), answer.extract::<i64>()) {
-        return Ok(Verdict::Reachable { cost });
+    match scalar_kind(answer) {
+        Some(b'b') if answer.is_truthy()? => return Ok(Verdict::Reachable { cost: 0.0 }),
+        Some(b'b') => return no("not reachable".to_owned()),
+        Some(b'f') => return Ok(Verdict::Reachable { cost: answer.extract()? }),
+        _ => {}
     }
     if let Ok((reachable, said)) = answer.extract::<(bool, Bound<'_, PyAny>)>() {
         if let (true, Ok(cost)) = (reachable, said.extract::<f64>()) {
@@ -132,6 +137,9 @@ impl RobotSession {
     }
 
     fn add(&self, py: Python<'_>, loaded: Loaded, table_angle_deg: Option<f64>) -> PyResult<String> {
+        if let Some(angle) = table_angle_deg.filter(|angle| angle.is_nan() || angle.abs() >= 1e6) {
+            return Err(Fault::Value(format!("table_angle_deg: {angle}, expected an angle in degrees")).into());
+        }
         let Loaded { scan, mut reading } = loaded;
         reading.table_angle_deg = table_angle_deg;
         self.work(py, |session| {

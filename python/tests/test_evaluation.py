@@ -217,6 +217,7 @@ def test_settings_hold_where_no_argument_says_otherwise(tmp_path):
 
 def test_without_settings_there_are_five_objects_and_five_episodes():
     report = benbv.evaluate(["farthest"], config=FAST)
+    assert report.episodes == benbv.evaluate(["farthest"], objects=np.int64(5), config=FAST).episodes
     runs = report.episodes + report.skipped
     assert len(runs) == 25 and len({run["object"] for run in runs}) == 5
 

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from conftest import ROOT, program
 
 import benbv
-from benbv import _benbv
+from benbv import _benbv, _programs
 
 
 def test_the_stubs_name_what_there_is():
@@ -63,3 +64,23 @@ def test_programs_are_installed_with_the_package(tmp_path):
         words = [script.with_name(f"benbv-{name}"), "--version"]
         done = subprocess.run(words, capture_output=True, text=True, check=True)
         assert done.stdout.startswith(f"{name} 0.1.0")
+
+
+def test_ctrl_c_ends_a_program_as_it_ends_one_without_python(monkeypatch):
+    handlers = []
+
+    def run(name, words):
+        handlers.append(signal.getsignal(signal.SIGINT))
+        return 0
+
+    monkeypatch.setattr(_benbv, "run_program", run)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        # Of processes in the background, shells have it ignored, and so it stays.
+        for handler in (signal.default_int_handler, signal.SIG_IGN):
+            signal.signal(signal.SIGINT, handler)
+            with pytest.raises(SystemExit):
+                _programs.infer()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert handlers == [signal.SIG_DFL, signal.SIG_IGN]

@@ -1,5 +1,7 @@
 """Sessions in files: what is loaded answers as what was saved."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from conftest import SAMPLES
@@ -67,7 +69,8 @@ class Watched:
         return getattr(self.native, name)
 
     def configure(self, changes):
-        self.alone.append(self.session._lock.locked())
+        with ThreadPoolExecutor(1) as other:
+            self.alone.append(not other.submit(self.session._lock.acquire, blocking=False).result())
         self.native.configure(changes)
 
 
@@ -112,6 +115,8 @@ def test_sessions_are_saved_and_loaded(sheet, tmp_path):
     assert benbv.Session.load(path).next_view() == given.next_view()
     assert len(given.next_view().candidates) == 2
     assert sorted(p.name for p in tmp_path.iterdir()) == ["part.npz"], "nothing is left behind"
+    (tmp_path / "other").touch()
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode, "who may read other files may read it"
     with pytest.raises(FileNotFoundError):
         benbv.Session.load(tmp_path / "none.npz")
     content = bytearray(path.read_bytes())

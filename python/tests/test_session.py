@@ -202,13 +202,15 @@ def test_what_the_arm_cannot_reach_is_ruled_out(sheet):
     reasons = {o.reason for c in view.candidates for o in c.objections if o.constraint == "caller"}
     assert "joint 4 at its limit" in reasons
     assert session.next_view(reachable=lambda pose: None) == free
-    assert session.next_view(reachable=lambda pose: False).next is None
+    for no in (False, np.False_, np.array(False)):
+        assert session.next_view(reachable=lambda pose, no=no: no).next is None
+    assert session.next_view(reachable=lambda pose: np.array(True)) == free
     with pytest.raises(ZeroDivisionError):
         session.next_view(reachable=lambda pose: 1 / 0)
-    for odd in ({}, 1, 0, (True, "far"), (False, 0.5)):
+    for odd in ({}, 1, 0, np.array(0), [0.5], (True, "far"), (False, 0.5)):
         with pytest.raises(TypeError, match="reachable returned .*, expected True, a cost"):
             session.next_view(reachable=lambda pose, odd=odd: odd)
-    for cost in (0.5, np.float32(0.5), (True, 0.5)):
+    for cost in (0.5, np.float32(0.5), np.array(0.5), (True, 0.5)):
         dear = session.next_view(reachable=lambda pose, cost=cost: cost)
         assert dear.candidates[0].score == pytest.approx(free.candidates[0].score - 0.5)
     why = session.next_view(reachable=lambda pose: (False, "elbow"))
@@ -220,8 +222,34 @@ def test_what_the_arm_cannot_reach_is_ruled_out(sheet):
     assert session.next_view() == free
 
 
+def test_what_reachable_asks_is_refused_while_another_thread_waits(sheet):
+    session, refused = benbv.Session(0.8), []
+    session.add_points(sheet, origin=(0.06, 0.06, 0.8))
+    other = threading.Thread(target=session.undo, daemon=True)
+
+    def reachable(pose):
+        other.start()
+        other.join(0.1)
+        session.undo()
+
+    def ask():
+        with pytest.raises(benbv.PlanError, match="waiting for"):
+            session.next_view(reachable=reachable)
+        refused.append(True)
+
+    asking = threading.Thread(target=ask, daemon=True)
+    asking.start()
+    asking.join(30)
+    assert refused == [True], "neither waits for the other"
+    other.join(30)
+    assert len(session) == 0
+
+
 def test_a_scan_on_a_turntable_is_brought_into_the_frame_of_the_object(sheet, tmp_path):
     session = benbv.Session(0.8, config={"turntable": {"stops_deg": [0, 90], "axis_point_m": [0.06, 0.06, 0]}, "max_points": 0})
+    for angle in (np.nan, -np.inf, 1e6):
+        with pytest.raises(ValueError, match="table_angle_deg: .*, expected an angle in degrees"):
+            session.add_points(sheet, origin=(0.06, 0.06, 0.8), table_angle_deg=angle)
     session.add_points(sheet + [0.01, 0, 0], origin=(0.06, 0.06, 0.8), table_angle_deg=90)
     low, high = np.min(session.cloud()[0], 0), np.max(session.cloud()[0], 0)
     assert np.allclose(low, (0, -0.006, 0), atol=1e-6) and np.allclose(high, (0.116, 0.11, 0), atol=1e-6)

@@ -27,6 +27,7 @@ def test_a_scan_is_what_a_camera_sees():
     np.testing.assert_array_equal(noisy, benbv.scan(square, CAMERA, pose, noise=0.002, render={"depth_quantum_m": 0.0}))
     sensor = benbv.scan(square, CAMERA, pose, noise=True)
     assert sensor.std() > 1e-4
+    np.testing.assert_array_equal(sensor, benbv.scan(square, CAMERA, pose, noise=np.True_))
     with pytest.raises(ValueError, match="unknown field `sigma`"):
         benbv.scan(square, CAMERA, pose, noise={"sigma": 1})
     with pytest.raises(ValueError, match="noise: expected numbers of 0 and above"):

@@ -16,7 +16,7 @@ const NEAR_M: f64 = 16.0;
 /// Where a cloud and its sensor are, in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Of the frame that the points are in.
+    /// Of the frame that the points are in; of an image's camera.
     pub base_from_frame: Isometry3<f64>,
     /// Of the sensor, where it is known.
     pub base_from_sensor: Option<Isometry3<f64>>,

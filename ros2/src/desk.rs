@@ -159,9 +159,7 @@ fn request(ready: &Ready, rectified: bool) -> Result<ScanRequest, Refused> {
     match (&ready.measurement, &ready.camera) {
         (Measurement::Cloud(cloud), _) => Ok(cloud::request(cloud, &ready.placement)?),
         (Measurement::Depth(image), Some(camera)) => {
-            // Of an image, the frame is the camera's, unless another is named.
-            let pose = ready.placement.base_from_sensor.unwrap_or(ready.placement.base_from_frame);
-            Ok(image::request(image, camera, &pose, rectified)?)
+            Ok(image::request(image, camera, &ready.placement.base_from_frame, rectified)?)
         }
         (Measurement::Depth(_), None) => {
             Err(Refused { code: "no_camera_info".to_owned(), message: "no CameraInfo has come".to_owned() })

@@ -5,6 +5,7 @@ use crate::messages::{CameraInfo, Image};
 use crate::planner::{MadeOf, ScanRequest};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use formats::camera::check_intrinsics;
 use geometry::Lens;
 use nalgebra::Isometry3;
 use serde_json::json;
@@ -101,16 +102,19 @@ fn camera(image: &Image, info: &CameraInfo, rectified: bool) -> Result<Camera, M
         let found = format!("{:?}, and the image's is {:?}", info.header.frame_id, image.header.frame_id);
         return wrong("header.frame_id", found, "that of the image");
     }
-    let (name, [fx, fy, cx, cy]) = match rectified {
-        false => ("k", [info.k[0], info.k[4], info.k[2], info.k[5]]),
-        true => ("p", [info.p[0], info.p[5], info.p[2], info.p[6]]),
+    let (k, p) = (info.k, info.p);
+    let (name, [fx, skew, cx, a, fy, cy, b, c]) = match rectified {
+        false => ("k", [k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]]),
+        true => ("p", [p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9]]),
     };
-    if !(fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|x| x.is_finite())) {
-        let found = format!("fx, fy, cx, cy = {fx}, {fy}, {cx}, {cy}");
-        return wrong(name, found, "a calibrated camera: fx and fy positive");
+    let [fx, fy, cx, cy] = check_intrinsics([fx, fy, cx, cy])
+        .map_err(|found| MessageError::new(INFO, name, found, "a calibrated camera: fx and fy positive"))?;
+    if [a, b, c] != [0.0; 3] {
+        let found = format!("{a}, {b}, {c} to the left of its diagonal");
+        return wrong(name, found, "fx, 0, cx, 0, fy, cy and so on, row by row");
     }
-    if !rectified && info.k[1].abs() > 1e-6 * fx {
-        return wrong("k", format!("a skew of {}", info.k[1]), "no skew");
+    if skew.abs() > 1e-6 * fx {
+        return wrong(name, format!("a skew of {skew}"), "no skew");
     }
     // What is calibrated is the full image; the message may be of a part of it, its pixels joined.
     let roi = &info.roi;

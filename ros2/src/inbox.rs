@@ -242,16 +242,21 @@ fn placed(received: &Received, config: &Ros2Config, arrived: Arrived) -> Result<
             ..NotYet::new("no_transform", format!("the position of {frame:?} in {base:?} is unknown: {why}"))
         })?;
         if let Some((gap, child)) = found.gap.as_ref().filter(|g| g.0 > GAP_S) {
-            notes.push(format!("where {child:?} was is interpolated between transforms {gap:.1} s apart"));
+            let note = format!("where {child:?} was is interpolated between transforms {gap:.1} s apart");
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
         }
         Ok(found)
     };
-    let base_from_frame = lookup(&frame_id)?.pose;
-    let in_base = config.sensor_frame.is_empty() && plain(base) == plain(&frame_id);
-    let base_from_sensor = match config.sensor_frame.as_str() {
-        // Points in the base frame were brought there from somewhere; an image is in the frame of its camera.
-        "" if in_base && camera.is_none() => None,
-        "" => Some(base_from_frame),
+    let (sensor, is_image) = (config.sensor_frame.as_str(), camera.is_some());
+    // An image is in the frame of its camera; where that is named, its header's need not be known.
+    let base_from_frame = lookup(if is_image && !sensor.is_empty() { sensor } else { &frame_id })?.pose;
+    let in_base = sensor.is_empty() && plain(base) == plain(&frame_id);
+    let base_from_sensor = match sensor {
+        // Points in the base frame were brought there from somewhere.
+        "" if in_base && !is_image => None,
+        sensor if is_image || sensor.is_empty() => Some(base_from_frame),
         sensor => Some(lookup(sensor)?.pose),
     };
     if in_base {

@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _benbv
@@ -124,7 +125,7 @@ def evaluate(
 def _dataset(objects: int | str | PathLike[str] | Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(objects, Mapping):
         return dict(objects)
-    if isinstance(objects, int):
+    if isinstance(objects, int | np.integer):
         return {"name": "procedural", "objects": objects}
     return {"name": "folder", "root": str(objects)}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
+import uuid
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -56,9 +56,11 @@ def save(
     for i, scan in enumerate(scans):
         members.update({f"{i}.{name}": array for name, array in scan.arrays.items()})
     path = Path(path)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:100]}.", suffix=".tmp", dir=path.parent)
+    temporary = path.with_name(f".{path.name[:100]}.{uuid.uuid4().hex}.tmp")
+    # Readable by whom the system's mask says, as `tempfile` would not have it.
+    file = open(temporary, "xb")
     try:
-        with os.fdopen(handle, "wb") as file:
+        with file:
             np.savez(file, **members)
             file.flush()
             os.fsync(file.fileno())

@@ -73,7 +73,8 @@ class Session:
         self._native = _benbv.Session(file, json.dumps(changes, default=plain), weights)
         self._kept: list[kept.KeptScan] = []
         self._given: list[NDArray[Any]] = []
-        self._lock = threading.Lock()
+        # Taken before the native session's own lock, by `next_view` too: what `reachable` asks is refused, not waited for.
+        self._lock = threading.RLock()
 
     def _add(self, kind: str, arrays: Mapping[str, Any], words: dict[str, Any]) -> ScanReport:
         """Adds a scan and keeps it as it came."""
@@ -227,13 +228,15 @@ class Session:
 
         `reachable` is asked of the pose (4, 4) of each candidate that nothing else rules out, with a turntable in the frame that
         does not turn: True (or None) where the arm gets there, a cost (float) or (True, cost) to take off the score, False, the
-        reason or (False, reason) where not. What it raises is raised here. It must not ask this session for anything.
+        reason or (False, reason) where not. What it raises is raised here. It must not ask this session for anything, which
+        raises `PlanError`, nor wait for a thread that does, which never ends.
 
         `plan_views`: plan so many views at once beside the next one (`View.plan`), for cells that cannot plan after each scan.
 
         Raises `PlanError` where there is no scan, or the planner cannot work on what is known.
         """
-        answer, none = self._native.next_view(position, reachable, plan_views)
+        with self._lock:
+            answer, none = self._native.next_view(position, reachable, plan_views)
         return View(json.loads(answer), none)
 
     def configure(self, **changes: Any) -> None:

@@ -56,7 +56,7 @@ def scan(
     settings = dict(render or {})
     if isinstance(noise, Mapping):
         settings["noise"] = dict(noise)
-    elif isinstance(noise, bool):
+    elif isinstance(noise, bool | np.bool_):
         settings.update({"noise": {}} if noise else {})
     else:
         off = {"lateral_sigma_px": 0.0, "grazing_from_deg": 90.0, "edge_dropout": 0.0}
@@ -91,12 +91,12 @@ def overlap(scan: ArrayLike, cloud: ArrayLike, tolerance: float = 0.002) -> floa
 
 
 def chamfer(a: ArrayLike, b: ArrayLike) -> float:
-    """Half the sum of the two mean distances to the nearest point of the other cloud."""
+    """Half the sum of the two mean distances to the nearest point of the other cloud; infinite if one is empty, 0 if both are."""
     return _benbv.distances(a, b)[0]
 
 
 def hausdorff(a: ArrayLike, b: ArrayLike) -> float:
-    """The larger of the two largest distances to the nearest point of the other cloud."""
+    """The larger of the two largest distances to the nearest point of the other cloud; infinite if one is empty, 0 if both are."""
     return _benbv.distances(a, b)[1]
 
 

@@ -107,14 +107,15 @@ fn lenses_of_ros_are_known() {
 #[test]
 fn what_is_wrong_is_named() {
     type Change = fn(&mut Image, &mut CameraInfo);
-    let cases: [(Change, &str); 10] = [
+    let cases: [(Change, &str); 11] = [
         (|i, _| i.encoding = "rgb8".to_owned(), "Image: encoding: found \"rgb8\", expected depth"),
         (|i, _| i.is_bigendian = 1, "Image: is_bigendian: found 1"),
         (|i, _| i.step = 3, "Image: step: found 3 bytes for 2 pixels of 2"),
         (|i, _| i.data.0.truncate(7), "Image: data: found 7 bytes for 2 rows of 4"),
         (|i, _| i.height = 0, "Image: width and height: found 2 x 0"),
         (|_, c| c.header.frame_id = "colour".to_owned(), "CameraInfo: header.frame_id: found \"colour\""),
-        (|_, c| c.k[0] = 0.0, "CameraInfo: k: found fx, fy, cx, cy = 0"),
+        (|_, c| c.k[0] = 0.0, "CameraInfo: k: found fx, fy, cx, cy = [0.0, 510.0, 320.0, 240.0]"),
+        (|_, c| (c.k[2], c.k[6]) = (0.0, 320.0), "CameraInfo: k: found 0, 320, 0 to the left of its diagonal"),
         (|_, c| c.k[1] = 3.0, "CameraInfo: k: found a skew of 3"),
         (|_, c| c.width = 3, "CameraInfo: width, height, roi and binning: found 3 x 2 pixels"),
         (|_, c| c.distortion_model = "magic".to_owned(), "CameraInfo: distortion_model and d: found model magic"),

@@ -53,16 +53,37 @@ fn points_in_the_base_frame_need_the_name_of_their_camera() {
     assert_eq!(named.notes, Vec::<String>::new());
 }
 
+/// An image with its camera, in this frame.
+fn see(inbox: &Inbox, frame: &str) {
+    let header = Header { stamp: Time { sec: 6, nanosec: 0 }, frame_id: frame.to_owned() };
+    inbox.take_camera(CameraInfo { header: header.clone(), ..CameraInfo::default() });
+    inbox.take_scan("a".to_owned(), Measurement::Depth(Arc::new(Image { header, ..Image::default() })));
+}
+
+fn of_images() -> Ros2Config {
+    Ros2Config { depth_topic: "/eye/depth".to_owned(), cloud_topic: String::new(), ..config() }
+}
+
 #[test]
 fn an_image_in_the_base_frame_was_taken_from_its_origin() {
     let inbox = Inbox::new(Duration::from_secs(60));
-    let header = Header { stamp: Time { sec: 6, nanosec: 0 }, frame_id: "base".to_owned() };
-    inbox.take_camera(CameraInfo { header: header.clone(), ..CameraInfo::default() });
-    inbox.take_scan("a".to_owned(), Measurement::Depth(Arc::new(Image { header, ..Image::default() })));
-    let depth = Ros2Config { depth_topic: "/eye/depth".to_owned(), cloud_topic: String::new(), ..config() };
-    let found = ready(&inbox, &depth).expect("a scan");
+    see(&inbox, "base");
+    let found = ready(&inbox, &of_images()).expect("a scan");
     assert_eq!(found.placement.base_from_sensor, Some(found.placement.base_from_frame));
     assert!(matches!(&found.notes[..], [note] if note.contains("in the origin of that frame")), "{:?}", found.notes);
+}
+
+#[test]
+fn the_frame_of_an_image_need_not_be_known_where_that_of_its_camera_is_named() {
+    let inbox = Inbox::new(Duration::from_secs(60));
+    tell(&inbox, "camera", 1.0, 5, false);
+    tell(&inbox, "camera", 3.0, 7, false);
+    see(&inbox, "in_no_tree");
+    assert_eq!(ready(&inbox, &of_images()).expect_err("unknown").code, "no_transform");
+    let named = Ros2Config { sensor_frame: "camera".to_owned(), ..of_images() };
+    let found = ready(&inbox, &named).expect("a scan");
+    assert_eq!(found.placement.base_from_frame.translation.x, 2.0);
+    assert_eq!(found.notes.len(), 1, "told once: {:?}", found.notes);
 }
 
 #[test]
@@ -103,7 +124,6 @@ fn what_a_scan_lacks_is_said() {
     let mut image = Image::default();
     image.header.frame_id = "camera".to_owned();
     inbox.take_scan("a".to_owned(), Measurement::Depth(Arc::new(image)));
-    let depth = Ros2Config { depth_topic: "/eye/depth".to_owned(), cloud_topic: String::new(), ..config() };
-    let blind = ready(&inbox, &depth).expect_err("no camera");
+    let blind = ready(&inbox, &of_images()).expect_err("no camera");
     assert_eq!(blind.message, "no CameraInfo of \"camera\" has arrived on /eye/camera_info (of others: [])");
 }
