@@ -1,6 +1,7 @@
 //! Settings of the node; `configs/service.toml` shows each at its default.
 
-use formats::config::SettingError;
+use formats::config::{SettingError, overlaid};
+use planning::SessionConfig;
 use serde::{Deserialize, Serialize};
 use std::net::IpAddr;
 use std::time::Duration;
@@ -138,6 +139,16 @@ impl Ros2Config {
             return Err(SettingError::new("ros2.domain_id", found, "0 to 232"));
         }
         Ok(())
+    }
+
+    /// Refuses changes of a session's settings that are no JSON, or have a name or type wrong. What is in range depends on its other
+    /// settings: `plan` refuses what is not.
+    ///
+    /// # Errors
+    /// Where, and what is expected.
+    pub fn check_changes(text: &str) -> Result<(), String> {
+        let changes = serde_json::from_str(text).map_err(|e| format!("config: not JSON: {e}"))?;
+        overlaid(&SessionConfig::default(), changes, "config").map(drop)
     }
 
     /// The topic of scans.

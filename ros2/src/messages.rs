@@ -10,6 +10,3 @@ pub use bytes::ByteArray;
 pub use common::*;
 pub use sensors::*;
 pub use visualization::*;
-
-#[cfg(all(test, feature = "node"))]
-mod tests;

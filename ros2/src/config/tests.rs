@@ -44,3 +44,19 @@ fn what_no_node_can_do_is_refused_by_key() {
         assert_eq!(config.check().expect_err("refused").key, key);
     }
 }
+
+#[test]
+fn changes_of_settings_that_there_are_not_are_refused_at_once() {
+    let good = r#"{"working_distance_m": 0.45, "constraints": {"floor_height_m": 0.0}}"#;
+    assert_eq!(Ros2Config::check_changes(good), Ok(()));
+    for (text, expected) in [
+        ("{", "config: not JSON: "),
+        ("[0.45]", "config: expected an object of settings"),
+        (r#"{"working_distance": 0.45}"#, "config: unknown field `working_distance`"),
+        (r#"{"constraints": {"floor": 0.0}}"#, "config: unknown field `floor`"),
+        (r#"{"working_distance_m": "near"}"#, "config: invalid type: string \"near\", expected f64"),
+    ] {
+        let refused = Ros2Config::check_changes(text).expect_err(text);
+        assert!(refused.starts_with(expected), "{text}: {refused}");
+    }
+}

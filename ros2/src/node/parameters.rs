@@ -1,8 +1,6 @@
 //! What can be changed while the node runs, as ROS parameters; all else is a setting of its start.
 
 use crate::Ros2Config;
-use formats::config::overlaid;
-use planning::SessionConfig;
 use ros2_client::{Node, NodeOptions, ParameterValue};
 
 pub(super) fn declare(options: NodeOptions, config: &Ros2Config) -> NodeOptions {
@@ -24,9 +22,7 @@ fn validate(start: &Ros2Config, name: &str, value: &ParameterValue) -> Result<()
             return Err("base_frame: the scans so far are in it; start the node with another".to_owned());
         }
         ("config", ParameterValue::String(text)) if !text.trim().is_empty() => {
-            let changes = serde_json::from_str(text).map_err(|e| format!("config: not JSON: {e}"))?;
-            // Names and types. What is in range depends on the session's other settings: `plan` refuses what is not.
-            return overlaid(&SessionConfig::default(), changes, "config").map(drop);
+            return Ros2Config::check_changes(text);
         }
         ("wait_s", ParameterValue::Double(seconds)) => changed.wait_s = *seconds,
         ("max_age_s", ParameterValue::Double(seconds)) => changed.max_age_s = *seconds,
@@ -52,29 +48,4 @@ pub(super) fn current(node: &Node, config: &Ros2Config) -> (Ros2Config, String) 
         changes = text;
     }
     (now, changes)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn settings_that_there_are_not_are_refused_at_once() {
-        let [base_frame, cloud_topic] = ["base_link", "/points"].map(str::to_owned);
-        let start = Ros2Config { base_frame, cloud_topic, ..Ros2Config::default() };
-        let set = |text: &str| validate(&start, "config", &ParameterValue::String(text.to_owned()));
-        for text in ["", r#"{"working_distance_m": 0.45, "constraints": {"floor_height_m": 0.0}}"#] {
-            assert_eq!(set(text), Ok(()), "{text}");
-        }
-        for (text, expected) in [
-            ("{", "config: not JSON: "),
-            ("[0.45]", "config: expected an object of settings"),
-            (r#"{"working_distance": 0.45}"#, "config: unknown field `working_distance`"),
-            (r#"{"constraints": {"floor": 0.0}}"#, "config: unknown field `floor`"),
-            (r#"{"working_distance_m": "near"}"#, "config: invalid type: string \"near\", expected f64"),
-        ] {
-            let refused = set(text).expect_err(text);
-            assert!(refused.starts_with(expected), "{text}: {refused}");
-        }
-    }
 }

@@ -1,7 +1,7 @@
 //! Bytes that rclpy's serialisation (of Fast DDS) and cyclonedds made of our messages.
 
-use super::*;
 use byteorder::LittleEndian;
+use ros2::messages::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fmt::Debug;
