@@ -58,7 +58,7 @@ pub struct Link {
     /// Its name.
     pub name: String,
     /// x, y, z and radius of each ball in its frame, metres.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(default)]
     pub balls_m: Vec<[f64; 4]>,
 }
 

@@ -134,3 +134,14 @@ fn null_takes_away_what_is_optional_alone() {
     let error = over(&base, serde_json::json!({ "table": null, "camera": null })).expect_err("not optional");
     assert!(error.starts_with("config: invalid type: null") && error.contains("config.camera"), "{error}");
 }
+
+#[test]
+fn an_arm_laid_over_another_keeps_none_of_its_links() {
+    let arm = |balls_m: &[[f64; 4]]| planning::reach::Arm {
+        base: planning::reach::Link { name: "base".to_owned(), balls_m: balls_m.to_vec() },
+        joints: Vec::new(),
+    };
+    let [before, after] = [arm(&[[0.0, 0.0, 0.1, 0.2]]), arm(&[])];
+    let changes = serde_json::to_value(&after).expect("JSON");
+    assert_eq!(overlaid(&before, changes, "robot.arm"), Ok(after));
+}

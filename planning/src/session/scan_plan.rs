@@ -6,7 +6,6 @@ mod looks;
 use super::Session;
 use crate::answer::{Answer, Candidate};
 use crate::config::PlannerName;
-use crate::scan::PreparedScan;
 use crate::turntable::turn_between_deg;
 use looks::Looks;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -104,10 +103,12 @@ impl Session {
         Some(plan)
     }
 
-    /// Where the camera is, in the cell: as the request says, else as the settings do, else where the last scan was taken.
+    /// Where the camera is, in the cell: as the request says, else as the settings do, else where the last scan was taken, even if that was
+    /// rejected (but on a turntable, whose angle then only scans that were taken tell).
     pub(super) fn camera_now(&self, requested_m: Option<[f64; 3]>) -> Option<Point3<f64>> {
         let told = requested_m.or(self.config.constraints.current_position_m).map(Point3::from);
-        let last = || self.latest().and_then(PreparedScan::camera_position).map(|p| self.cell_from_object() * p);
+        let rejected = self.unregistered.last().copied().filter(|_| self.config.turntable.is_none());
+        let last = || rejected.or_else(|| self.latest()?.camera_position()).map(|p| self.cell_from_object() * p);
         told.or_else(last)
     }
 }

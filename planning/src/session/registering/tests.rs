@@ -119,6 +119,7 @@ fn what_cannot_be_placed_is_refused_and_its_place_ruled_out_until_the_cloud_chan
     let same = answer.candidates.iter().find(|c| c.position_m == next.position_m).expect("still scored");
     assert_eq!(same.objections[0].constraint, Constraint::Registrability, "{same:?}");
     let places = session.rejected_from().to_vec();
+    assert_eq!(session.camera_now(None), places.last().copied(), "there the robot stands");
     session.set_rejected_from(Vec::new());
     assert_ne!(session.next_view().expect("a view"), answer, "nobody remembers");
     session.set_rejected_from(places);
