@@ -4,6 +4,8 @@
 mod json;
 mod yaml;
 
+pub use geometry::camera::{INTRINSICS, check_intrinsics};
+
 use crate::{FormatError, Place};
 use geometry::Lens;
 use std::path::Path;
@@ -63,22 +65,6 @@ pub fn parse_camera(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<Cam
     check_intrinsics(camera.intrinsics)
         .map_err(|found| FormatError::syntax(path, Place::Part(MATRIX.to_owned()), found, INTRINSICS))?;
     Ok(camera)
-}
-
-/// What [`check_intrinsics`] expects.
-pub const INTRINSICS: &str = "fx, fy, cx, cy in pixels: finite, fx and fy positive";
-
-/// Gives back fx, fy, cx, cy in pixels if a camera can have them. The principal point may lie outside of the image, as in one
-/// that was cut out of a larger one.
-///
-/// # Errors
-/// What is found instead of [`INTRINSICS`].
-pub fn check_intrinsics(intrinsics: [f64; 4]) -> Result<[f64; 4], String> {
-    let [fx, fy, ..] = intrinsics;
-    match fx > 0.0 && fy > 0.0 && intrinsics.iter().all(|x| x.is_finite()) {
-        true => Ok(intrinsics),
-        false => Err(format!("fx, fy, cx, cy = {intrinsics:?}")),
-    }
 }
 
 /// What the place of a camera matrix is called, where a file has only one.

@@ -8,6 +8,7 @@ mod xyz;
 
 pub(crate) use columns::{Unit, has_marks, names, with_unit};
 pub(crate) use npy::read_array;
+pub(crate) use pcd::declared_points as pcd_points;
 
 pub use crate::ply::{ColoredPoint, write_ply, write_ply_scene};
 

@@ -13,16 +13,8 @@ fn png_pixels(bytes: &[u8]) -> Option<u64> {
 
 fn pcd_points(bytes: &[u8]) -> Option<u64> {
     /// Headers are short.
-    const HEADER: usize = 4096;
-    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(HEADER)]);
-    let is_data = |line: &&str| !line.trim_start().starts_with("DATA");
-    let number = |key: &str| {
-        let mut lines = head.lines().take_while(is_data);
-        lines.find_map(|line| line.trim().strip_prefix(key)?.trim().parse::<u64>().ok())
-    };
-    head.lines().any(|line| line.trim_start().starts_with("VERSION")).then_some(())?;
-    let area = number("WIDTH").zip(number("HEIGHT")).map(|(width, height)| width.saturating_mul(height));
-    number("POINTS").max(area)
+    const HEADER: usize = 1 << 16;
+    crate::cloud::pcd_points(&bytes[..bytes.len().min(HEADER)])
 }
 
 #[cfg(test)]
@@ -38,9 +30,14 @@ mod tests {
         encoder.write_header().unwrap().write_image_data(&[0; 30]).unwrap();
         assert_eq!(count(&png), Some(15));
         assert_eq!(count(&png[..20]), None, "cut off");
-        let pcd =
-            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nWIDTH 4000000000\nHEIGHT 2\nPOINTS 7\nDATA ascii\nPOINTS 9e9\n";
-        assert_eq!(count(pcd.as_bytes()), Some(8_000_000_000), "the larger of what it says");
+        let pcd = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 4000000000\nHEIGHT 2\nDATA ascii\nPOINTS 9\n";
+        let with_points = pcd.replace("DATA", "POINTS 7\nDATA");
+        assert_eq!(
+            [pcd, &with_points].map(|pcd| count(pcd.as_bytes())),
+            [Some(8_000_000_000), Some(7)],
+            "as it is read"
+        );
+        assert_eq!(count(pcd.to_lowercase().replace('\n', "\r").as_bytes()), Some(8_000_000_000));
         assert_eq!(count(b"1 2 3\n4 5 6\n"), None);
         assert_eq!(count(b""), None);
     }

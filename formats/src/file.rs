@@ -2,21 +2,32 @@
 
 use crate::FormatError;
 use crate::error::Place;
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 /// The bytes of a regular file. A pipe, a device or a directory, on which reading would wait or never end, is refused
 /// at once.
 ///
 /// # Errors
-/// What is no regular file, and what the operating system refuses.
+/// What is no regular file or larger than the memory allows, and what the operating system refuses.
 pub fn read(path: &Path) -> Result<Vec<u8>, FormatError> {
-    let kind = std::fs::metadata(path).map_err(|e| FormatError::io(path, "read", e))?;
+    let (mut file, size) = open(path)?;
+    check_fits(path, size, machine_memory())?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes).map_err(|e| FormatError::io(path, "read", e))?;
+    Ok(bytes)
+}
+
+/// A regular file, open for reading, and its size in bytes.
+pub(crate) fn open(path: &Path) -> Result<(File, u64), FormatError> {
+    let io = |e| FormatError::io(path, "read", e);
+    let kind = std::fs::metadata(path).map_err(io)?;
     if !kind.is_file() {
         let found = if kind.is_dir() { "a directory" } else { "a pipe, socket or device" };
         return Err(FormatError::syntax(path, Place::File, found, "a file: write the data to one first"));
     }
-    check_fits(path, kind.len(), machine_memory())?;
-    std::fs::read(path).map_err(|e| FormatError::io(path, "read", e))
+    Ok((File::open(path).map_err(io)?, kind.len()))
 }
 
 /// Refuses a file that could not be held in memory together with what is made from it: a cloud takes three times its file at least, its numbers and its
@@ -88,7 +99,7 @@ mod tests {
     fn files_larger_than_the_machine_are_refused_before_they_are_read() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("scan.ply");
-        std::fs::File::create(&path).and_then(|file| file.set_len(1 << 42)).unwrap();
+        File::create(&path).and_then(|file| file.set_len(1 << 42)).unwrap();
         if let Some(memory) = machine_memory() {
             assert!((64 << 20..1 << 50).contains(&memory), "{memory}");
             let text = read(&path).expect_err("4 TiB").to_string();

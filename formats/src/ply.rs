@@ -61,6 +61,13 @@ fn parse(path: &Path, bytes: &[u8], with_faces: bool) -> Result<Content, FormatE
         }
         let faces = with_faces && (is("face") || is("tristrips"));
         let list = if faces { index_list(path, element)? } else { None };
+        let name = list.map(|at| &element.properties[at].name);
+        if let Some(name) = name.filter(|name| !INDICES.iter().any(|known| name.eq_ignore_ascii_case(known))) {
+            let element = &element.name;
+            content
+                .notes
+                .push(format!("{name:?}, the only list of integers of element {element:?}, was read as its vertices"));
+        }
         let first = content.ends.len();
         body.each(element, &Wanted { scalars: vec![], list }, |_, indices| {
             if list.is_some() {
@@ -74,13 +81,17 @@ fn parse(path: &Path, bytes: &[u8], with_faces: bool) -> Result<Content, FormatE
         }
     }
     vertex?;
-    content.notes = body.left_over(&header)?;
+    content.notes.extend(body.left_over(&header)?);
     Ok(content)
 }
 
-/// The property that lists the vertices of a face.
+/// The property that lists the vertices of a face: by its name, else the only list of integers.
 fn index_list(path: &Path, element: &Element) -> Result<Option<usize>, FormatError> {
-    let Some(at) = INDICES.into_iter().find_map(|name| element.find(name)) else { return Ok(None) };
+    let is_list = |&at: &usize| matches!(element.properties[at].kind, Kind::List { item, .. } if item.is_integer());
+    let Some(at) = INDICES.into_iter().find_map(|name| element.find(name)) else {
+        let mut lists = (0..element.properties.len()).filter(is_list);
+        return Ok(lists.next().filter(|_| lists.next().is_none()));
+    };
     match element.properties[at].kind {
         Kind::List { item, .. } if item.is_integer() => Ok(Some(at)),
         _ => {

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Writes a file so that it is whole or absent (or still the old one), whatever happens: a temporary sibling,
-/// synced, renamed. Parent directories are made. A link is followed, not replaced.
+/// synced, renamed. Parent directories are made. A link is followed, not replaced; a device or pipe (`/dev/stdout`,
+/// `/dev/null`) is written to as it is.
 ///
 /// # Errors
 /// What the operating system refuses (no space, no permission); the temporary file is then removed.
@@ -23,8 +24,10 @@ pub fn atomic_write_with(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), FormatError> {
-    let linked = path.is_symlink().then(|| std::fs::canonicalize(path).ok()).flatten();
-    let path = linked.as_deref().unwrap_or(path);
+    if std::fs::metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir()) {
+        return write_into(path, write).map_err(|e| FormatError::io(path, "write", e));
+    }
+    let path = &behind_links(path);
     let parent = parent(path);
     std::fs::create_dir_all(parent).map_err(|e| FormatError::io(parent, "make the directory", e))?;
     (|| {
@@ -46,6 +49,20 @@ pub fn atomic_write_with(
         std::fs::File::open(parent)?.sync_all()
     })()
     .map_err(|e| FormatError::io(path, "write", e))
+}
+
+/// Writes to a device or pipe, which cannot be replaced: there would be a file in its place.
+fn write_into(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
+    let mut buffered = BufWriter::new(std::fs::File::options().write(true).open(path)?);
+    write(&mut buffered)?;
+    buffered.flush()
+}
+
+/// The file that links lead to, there or not; where they lead in a circle, one of them.
+fn behind_links(path: &Path) -> PathBuf {
+    const MOST: usize = 40;
+    let follow = |link: &PathBuf| Some(parent(link).join(std::fs::read_link(link).ok()?));
+    std::iter::successors(Some(path.to_owned()), follow).take(MOST).last().unwrap_or_else(|| path.to_owned())
 }
 
 /// Ending of the temporary siblings that [`atomic_write`] makes; a killed process may leave one behind.

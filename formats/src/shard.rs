@@ -41,7 +41,7 @@ pub struct Sample {
     pub candidates: Vec<CandidateView>,
     /// Coverage after each candidate's scan, in [0, 1]; NaN where a foreign set does not say.
     pub coverage: Vec<f64>,
-    /// Overlap of each candidate's scan with the cloud, in [0, 1]; NaN where a foreign set does not say.
+    /// Overlap of each candidate's scan with the cloud, in [0, 1]; NaN for an empty scan, and where a foreign set does not say.
     pub overlap: Vec<f64>,
     /// Score of each candidate (docs/method.md, 'Score'), in [0, 1].
     pub scores: Vec<f64>,

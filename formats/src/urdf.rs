@@ -56,13 +56,10 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
     }
     let mut notes = Vec::new();
     let mut link = |name: &str| -> Result<Link, FormatError> {
-        let Some(element) = links.iter().find(|l| l.attribute("name") == Some(name)) else {
-            return Err(FormatError::syntax(
-                path,
-                Place::File,
-                format!("no link {name:?}"),
-                "every link that a joint names",
-            ));
+        let mut named = links.iter().filter(|l| l.attribute("name") == Some(name));
+        let Some(element) = named.next().filter(|_| named.next().is_none()) else {
+            let found = format!("no link {name:?}, or more than one");
+            return Err(FormatError::syntax(path, Place::File, found, "every link that a joint names, once"));
         };
         let mut balls_m = Vec::new();
         for collision in element.children_named("collision") {
@@ -108,7 +105,15 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
     // From the tool back to the root.
     let mut chain = Vec::new();
     let mut at = tool.to_owned();
-    while let Some(joint) = joints.iter().find(|j| j.child("child").and_then(|c| c.attribute("link")) == Some(&at)) {
+    let before = |link: &str| {
+        let moves = |joint: &&&Element| joint.child("child").and_then(|c| c.attribute("link")) == Some(link);
+        let mut moving = joints.iter().filter(moves);
+        (moving.next(), moving.next())
+    };
+    while let (Some(joint), other) = before(&at) {
+        if let Some(other) = other {
+            return Err(wrong(other, format!("a second joint that moves link {at:?}"), "one joint before each link"));
+        }
         if chain.len() > joints.len() {
             return Err(wrong(joint, "a chain that closes".into(), "a tree of links"));
         }
@@ -118,7 +123,10 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
             Some("fixed") => JointKind::Fixed,
             Some("revolute" | "continuous") => JointKind::Revolute,
             Some("prismatic") => JointKind::Prismatic,
-            other => return Err(wrong(joint, format!("type {other:?}"), "fixed, revolute, continuous or prismatic")),
+            other => {
+                let found = format!("type {:?}", other.unwrap_or_default());
+                return Err(wrong(joint, found, "fixed, revolute, continuous or prismatic"));
+            }
         };
         if let Some(mimic) = joint.child("mimic").and_then(|m| m.attribute("joint")) {
             return Err(wrong(joint, format!("it follows joint {mimic}"), "an independent joint"));
@@ -126,7 +134,7 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
         let frame = joint.child("origin");
         let part = |key| match frame.and_then(|o| o.attribute(key)) {
             None => Ok([0.0; 3]),
-            text => triple(text).ok_or_else(|| wrong(joint, format!("{key} of {text:?}"), "three numbers")),
+            Some(text) => triple(Some(text)).ok_or_else(|| wrong(joint, format!("{key} {text:?}"), "three numbers")),
         };
         let axis = match joint.child("axis").map(|a| triple(a.attribute("xyz"))) {
             None => [1.0, 0.0, 0.0],
@@ -142,7 +150,10 @@ pub fn parse_urdf(path: &Path, bytes: &[u8], tool: &str) -> Result<UrdfArm, Form
             (_, Some("continuous")) => [-std::f64::consts::PI, std::f64::consts::PI],
             _ => match (limit("lower"), limit("upper")) {
                 (Some(low), Some(high)) if low <= high => [low, high],
-                (low, high) => return Err(wrong(joint, format!("limits {low:?} to {high:?}"), "lower and upper")),
+                (Some(low), Some(high)) => {
+                    return Err(wrong(joint, format!("limits {low} to {high}"), "lower not above upper"));
+                }
+                _ => return Err(wrong(joint, "no limits".into(), "<limit lower=... upper=...>, two numbers")),
             },
         };
         let name = joint.attribute("name").unwrap_or_default().to_owned();
@@ -167,7 +178,7 @@ fn origin(element: &Element) -> Result<Isometry3<f64>, String> {
     let Some(origin) = element.child("origin") else { return Ok(Isometry3::identity()) };
     let part = |key| match origin.attribute(key) {
         None => Ok([0.0; 3]),
-        text => triple(text).ok_or_else(|| format!("{key} of {text:?}")),
+        Some(text) => triple(Some(text)).ok_or_else(|| format!("{key} {text:?}")),
     };
     let ([x, y, z], [roll, pitch, yaw]) = (part("xyz")?, part("rpy")?);
     Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), UnitQuaternion::from_euler_angles(roll, pitch, yaw)))

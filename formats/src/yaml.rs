@@ -54,10 +54,10 @@ struct Line<'a> {
 pub(crate) fn parse(text: &str) -> Result<Yaml, Fault> {
     let lines = lines(text)?;
     let Some(first) = lines.first() else { return Ok(Yaml::Map(Vec::new())) };
-    let mut at = 0;
-    let mut reader = Reader { lines: &lines, at: &mut at };
-    let value = reader.block(first.indent, 0)?;
-    match lines.get(at) {
+    let indent = first.indent;
+    let mut reader = Reader { lines, at: 0 };
+    let value = reader.block(indent, 0)?;
+    match reader.lines.get(reader.at) {
         Some(left) => Err((left.number, format!("{:?} at this indentation", clipped(&left.text)))),
         None => Ok(value),
     }
@@ -133,15 +133,15 @@ fn without_comment(line: &str) -> &str {
     line
 }
 
-struct Reader<'a, 'b> {
-    lines: &'a [Line<'a>],
-    at: &'b mut usize,
+struct Reader<'a> {
+    lines: Vec<Line<'a>>,
+    at: usize,
 }
 
-impl Reader<'_, '_> {
+impl Reader<'_> {
     /// The list or map whose lines are indented by `indent`.
     fn block(&mut self, indent: usize, depth: usize) -> Result<Yaml, Fault> {
-        let Some(first) = self.lines.get(*self.at) else { return Ok(Yaml::Text(String::new())) };
+        let Some(first) = self.lines.get(self.at) else { return Ok(Yaml::Text(String::new())) };
         if depth > DEEPEST {
             return Err((first.number, "too many nested levels".to_owned()));
         }
@@ -150,37 +150,40 @@ impl Reader<'_, '_> {
 
     fn list(&mut self, indent: usize, depth: usize) -> Result<Yaml, Fault> {
         let mut items = Vec::new();
-        while let Some(line) = self.lines.get(*self.at).filter(|l| l.indent == indent && is_item(&l.text)) {
-            *self.at += 1;
-            let rest = line.text[1..].trim_start();
-            if rest.is_empty() {
-                items.push(self.below(indent, depth)?);
-            } else if is_item(rest) || key_of(rest).is_some() {
-                return Err((line.number, format!("a list or map within a list ({:?})", clipped(rest))));
-            } else {
-                items.push(flow(rest, line.number)?);
+        while let Some(line) = self.lines.get(self.at).filter(|l| l.indent == indent && is_item(&l.text)) {
+            let (number, text) = (line.number, line.text.clone());
+            let rest = text[1..].trim_start();
+            if is_item(rest) || key_of(rest).is_some() {
+                // What begins behind the dash goes on in the lines below, as far in.
+                let inner = indent + text.len() - rest.len();
+                self.lines[self.at] = Line { number, indent: inner, text: rest.to_owned().into() };
+                items.push(self.block(inner, depth + 1)?);
+                continue;
             }
+            self.at += 1;
+            items.push(if rest.is_empty() { self.below(indent, depth)? } else { flow(rest, number)? });
         }
         Ok(Yaml::List(items))
     }
 
     fn map(&mut self, indent: usize, depth: usize) -> Result<Yaml, Fault> {
         let mut entries: Vec<(String, Yaml)> = Vec::new();
-        while let Some(line) = self.lines.get(*self.at).filter(|l| l.indent == indent && !is_item(&l.text)) {
-            *self.at += 1;
-            let (key, rest) = match key_of(&line.text) {
+        while let Some(line) = self.lines.get(self.at).filter(|l| l.indent == indent && !is_item(&l.text)) {
+            let (number, text) = (line.number, line.text.clone());
+            self.at += 1;
+            let (key, rest) = match key_of(&text) {
                 Some(found) => found,
                 // Brackets alone are a document, too.
-                None if entries.is_empty() && line.text.starts_with(['{', '[']) => {
-                    return flow(&line.text, line.number);
+                None if entries.is_empty() && text.starts_with(['{', '[']) => {
+                    return flow(&text, number);
                 }
-                None => return Err((line.number, format!("{:?}, no key: value", clipped(&line.text)))),
+                None => return Err((number, format!("{:?}, no key: value", clipped(&text)))),
             };
             if entries.iter().any(|(k, _)| *k == key) {
-                return Err((line.number, format!("key {key:?} a second time")));
+                return Err((number, format!("key {key:?} a second time")));
             }
             let rest = without_tag(rest);
-            let value = if rest.is_empty() { self.below(indent, depth)? } else { flow(rest, line.number)? };
+            let value = if rest.is_empty() { self.below(indent, depth)? } else { flow(rest, number)? };
             entries.push((key, value));
         }
         Ok(Yaml::Map(entries))
@@ -188,9 +191,9 @@ impl Reader<'_, '_> {
 
     /// What is indented farther than a key; a list may be as far.
     fn below(&mut self, indent: usize, depth: usize) -> Result<Yaml, Fault> {
-        match self.lines.get(*self.at) {
+        match self.lines.get(self.at) {
             Some(next) if next.indent > indent => self.block(next.indent, depth + 1),
-            Some(next) if next.indent == indent && is_item(&next.text) => match self.lines.get(*self.at - 1) {
+            Some(next) if next.indent == indent && is_item(&next.text) => match self.lines.get(self.at - 1) {
                 Some(own) if is_item(&own.text) => Ok(Yaml::Text(String::new())),
                 _ => self.block(indent, depth + 1),
             },

@@ -67,6 +67,22 @@ impl PinholeCamera {
     }
 }
 
+/// What [`check_intrinsics`] expects.
+pub const INTRINSICS: &str = "fx, fy, cx, cy in pixels: finite, fx and fy positive";
+
+/// Gives back fx, fy, cx, cy in pixels if a camera can have them. The principal point may lie outside of the image, as in one
+/// that was cut out of a larger one.
+///
+/// # Errors
+/// What is found instead of [`INTRINSICS`].
+pub fn check_intrinsics(intrinsics: [f64; 4]) -> Result<[f64; 4], String> {
+    let [fx, fy, ..] = intrinsics;
+    match fx > 0.0 && fy > 0.0 && intrinsics.iter().all(|x| x.is_finite()) {
+        true => Ok(intrinsics),
+        false => Err(format!("fx, fy, cx, cy = {intrinsics:?}")),
+    }
+}
+
 /// Depth along +Z in metres, 0 where the ray returned nothing, not a number where it is not known what it met (measured, and not
 /// believed). Only a window of the image is stored; every
 /// pixel outside it returned nothing (an object of 0.2 m spans 86 of 1280 pixels at 1.2 m).

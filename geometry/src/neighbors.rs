@@ -14,6 +14,8 @@ use nalgebra::Point3;
 
 /// The table never has more cells than this; the cell grows instead.
 const MAX_CELLS: f64 = 8e6;
+/// The largest coordinate of a point, metres: squares of distances must fit in f32.
+const FARTHEST: f64 = 1e18;
 /// Points are compared in groups of this many, so that the compiler can use vector registers.
 const LANES: usize = 16;
 
@@ -26,8 +28,9 @@ pub struct Neighbor {
     pub distance2: f32,
 }
 
-/// Points sorted into cells. Points with a non-finite coordinate are left out and never found; a query with one
-/// finds nothing. Ties in distance go to the smaller index, so no answer depends on the cell size.
+/// Points sorted into cells. Points with a coordinate that is not finite or beyond 1e18 m, whose distances have no squares, are
+/// left out and never found; a query that is not finite finds nothing. Ties in distance go to the smaller index, so no answer
+/// depends on the cell size.
 ///
 /// ```
 /// use geometry::NeighborGrid;
@@ -64,7 +67,7 @@ impl NeighborGrid {
     /// With coordinates relative to this origin, so that distances round as in another grid.
     fn build(points: &[Point3<f64>], cell: f64, origin: Option<[f64; 3]>) -> Self {
         let finite: Vec<u32> =
-            (0..points.len() as u32).filter(|&i| points[i as usize].iter().all(|x| x.is_finite())).collect();
+            (0..points.len() as u32).filter(|&i| points[i as usize].iter().all(|x| x.abs() <= FARTHEST)).collect();
         let Some(&first) = finite.first() else {
             return Self::default();
         };
@@ -242,7 +245,8 @@ impl NeighborGrid {
         let mut radius = if guess > 0.0 { guess } else { 1.0 / self.inv_cell };
         loop {
             let (range, all) = self.cell_range(q, radius);
-            let radius2 = if all { f32::INFINITY } else { radius * radius };
+            // Infinite are the squares of distances that do not fit, too.
+            let radius2 = if all { f32::INFINITY } else { (radius * radius).min(f32::MAX) };
             let mut found = 0;
             self.for_rows(&range, |row| {
                 if keys.len() < found + row.len() {
@@ -251,7 +255,7 @@ impl NeighborGrid {
                 for i in row {
                     let d2 = self.distance2(q, i);
                     keys[found] = key(d2, self.ids[i]);
-                    found += usize::from(d2 < radius2);
+                    found += usize::from(d2 <= radius2);
                 }
                 true
             });

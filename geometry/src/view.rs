@@ -22,6 +22,21 @@ pub struct View {
 }
 
 impl View {
+    /// The view of a camera with this pose: its target lies `distance` metres ahead, along its +Z.
+    ///
+    /// ```
+    /// use geometry::View;
+    /// use nalgebra::Point3;
+    ///
+    /// let view = View { target: Point3::new(0.1, 0.0, 0.3), position: Point3::new(0.1, -1.2, 0.3) };
+    /// let again = View::from_pose(&view.world_from_camera(), 1.2);
+    /// assert!((again.target - view.target).norm() < 1e-12 && again.position == view.position);
+    /// ```
+    pub fn from_pose(world_from_camera: &Isometry3<f64>, distance: f64) -> Self {
+        let target = world_from_camera * Point3::new(0.0, 0.0, distance);
+        Self { target, position: Point3::from(world_from_camera.translation.vector) }
+    }
+
     /// Whether the view has finite coordinates and a direction.
     pub fn is_valid(&self) -> bool {
         let d = self.position - self.target;

@@ -11,6 +11,7 @@ use crate::sensor::SensorConfig;
 use crate::support::Support;
 use crate::turntable::TurntableConfig;
 use geometry::PinholeCamera;
+use geometry::camera::{INTRINSICS, check_intrinsics};
 use serde::{Deserialize, Serialize};
 
 /// Largest `max_points`.
@@ -309,15 +310,8 @@ impl CameraConfig {
             let found = self.fov_y_deg.to_string();
             return Err(ConfigError { key: "camera.fov_y_deg", found, expected: "between 0 and 180" });
         }
-        match self.intrinsics {
-            Some([fx, fy, cx, cy])
-                if !(fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|x: &f64| x.is_finite())) =>
-            {
-                let found = format!("[{fx}, {fy}, {cx}, {cy}]");
-                Err(ConfigError { key: "camera.intrinsics", found, expected: "fx, fy, cx, cy with fx and fy positive" })
-            }
-            _ => Ok(()),
-        }
+        let checked = self.intrinsics.map(check_intrinsics).transpose();
+        checked.map(drop).map_err(|found| ConfigError { key: "camera.intrinsics", found, expected: INTRINSICS })
     }
 }
 

@@ -124,10 +124,7 @@ impl ScanState {
 
     /// The given views as targets and positions: each looks at what is the working distance ahead of it.
     pub fn given(&self) -> Vec<View> {
-        let ahead = Point3::new(0.0, 0.0, self.working_distance);
-        let view =
-            |pose: &Isometry3<f64>| View { target: pose * ahead, position: Point3::from(pose.translation.vector) };
-        self.given_views.iter().map(view).collect()
+        self.given_views.iter().map(|pose| View::from_pose(pose, self.working_distance)).collect()
     }
 
     /// The camera's pose at a view: of a given one, by its place in `given_views`, as it was given.

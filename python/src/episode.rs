@@ -5,7 +5,7 @@ use crate::arrays;
 use crate::fault::{Fault, guarded, internal};
 use crate::scene::Scene;
 use crate::session::as_json;
-use crate::state::{State, pose_of, view_of};
+use crate::state::{State, pose_of};
 use datagen::{Episode as Outcome, EpisodeError, Progress, Stage, episode_session, run_session};
 use evaluate::config::EvaluateConfig;
 use evaluate::objects::{Body, prepare};
@@ -152,7 +152,7 @@ impl Episode {
             let (Some(decide), Some(state)) = (&running.decide, running.state.take()) else {
                 return Err(Fault::Plan("the episode has ended: start another one".to_owned()));
             };
-            decide.send(view_of(&pose, state.working_distance)).map_err(|_| internal())?;
+            decide.send(View::from_pose(&pose, state.working_distance)).map_err(|_| internal())?;
             running.hear(&self.key)
         })
     }

@@ -147,12 +147,6 @@ pub fn look_at<'py>(
     arrays::of_pose(py, &view.world_from_camera_with_up(&up.coords))
 }
 
-/// A view of the loop from a pose: it looks at what is the working distance ahead.
-pub fn view_of(pose: &Isometry3<f64>, working_distance: f64) -> View {
-    let target = pose * Point3::new(0.0, 0.0, working_distance);
-    View { target, position: Point3::from(pose.translation.vector) }
-}
-
 /// A pose as it is given: a matrix, or anything that has one as its `world_from_camera`.
 pub fn pose_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Isometry3<f64>> {
     match value.getattr_opt("world_from_camera")? {
@@ -177,7 +171,7 @@ pub fn ranking(answer: &Bound<'_, PyAny>, working_distance: f64) -> PyResult<Vec
             return Err(Fault::Value(format!("the score of view {i} is {score}, expected a finite number")).into());
         }
         let pose = pose_of(&format!("view {i}"), &view)?;
-        views.push(RankedView::scored(view_of(&pose, working_distance), score));
+        views.push(RankedView::scored(View::from_pose(&pose, working_distance), score));
         if views.len() > MOST_VIEWS {
             return Err(Fault::Value(format!("more than {MOST_VIEWS} views")).into());
         }

@@ -129,7 +129,7 @@ fn what_cannot_be_read_is_refused_by_name() {
     refused("a: 1\n   b: 2\n", "line 2");
     refused(&"[".repeat(100_000), "never closed");
     refused(&format!("{}{}", "[".repeat(100_000), "]".repeat(100_000)), "levels");
-    refused(&"- ".repeat(100_000), "within a list");
+    refused(&"- ".repeat(100_000), "too many nested levels");
     refused("{\"width\": ", "line 1");
     let zeros = REALSENSE.replace("distortion.brown_conrady", "distortion.inverse_brown_conrady");
     let zeros = zeros.replace("[0.1, -0.2, 0.001, -0.002, 0.05]", "[0.0, 0.0, 0.0, 0.0, 0.0]");
@@ -225,5 +225,18 @@ fn bops_camera_has_the_unit_of_its_images() {
             parse(&with(&format!("\"depth_scale\": {wrong}"))).expect_err(wrong).contains("depth_scale"),
             "{wrong}"
         );
+    }
+}
+
+#[test]
+fn matrices_may_be_lists_of_rows() {
+    let flow = "camera_matrix: [[500.5, 0, 320.25], [0, 501, 239], [0, 0, 1]]\ndist_coeff: [[0.1, -0.2, 0.001, -0.002, 0.05]]\n";
+    let rows = "camera_matrix:\n- [500.5, 0, 320.25]\n- [0, 501, 239]\n- [0, 0, 1]\ndist_coeff:\n- [0.1, -0.2, 0.001, -0.002, 0.05]\n";
+    let dashes = "camera_matrix:\n- - 500.5\n  - 0.0\n  - 320.25\n- - 0.0\n  - 501\n  - 239\n- - 0.0\n  - 0.0\n  - 1.0\n\
+                  dist_coeff:\n- - 0.1\n  - -0.2\n  - 0.001\n  - -0.002\n  - 0.05\n";
+    let beside = format!("images:\n- name: a.png\n  corners:\n  - [1, 2]\n-   name: b.png\n    corners: []\n{flow}");
+    for text in [flow, rows, dashes, &beside] {
+        let camera = CameraFile { size: None, ..expected(Lens::BrownConrady(BROWN)) };
+        assert_eq!(parse(text), Ok(camera), "{text}");
     }
 }

@@ -30,12 +30,16 @@ pub(super) fn parse(path: &Path, text: &str, name: Option<&str>) -> Result<Camer
     }
 }
 
-/// A list of numbers, also as `data` of a matrix.
+/// A list of numbers, also as `data` of a matrix or as a list of its rows.
 fn list(path: &Path, key: &str, value: &Yaml) -> Result<Vec<f64>, FormatError> {
-    let numbers = match value.get("data").unwrap_or(value) {
-        Yaml::List(list) => list.iter().map(Yaml::number).collect::<Option<Vec<f64>>>(),
-        _ => None,
-    };
+    fn flat(value: &Yaml) -> Option<Vec<f64>> {
+        match value {
+            Yaml::List(items) => items.iter().map(flat).collect::<Option<Vec<_>>>().map(|rows| rows.concat()),
+            scalar => scalar.number().map(|number| vec![number]),
+        }
+    }
+    let value = value.get("data").unwrap_or(value);
+    let numbers = flat(value).filter(|_| matches!(value, Yaml::List(_)));
     numbers.ok_or_else(|| FormatError::syntax(path, Place::Part(key.to_owned()), "no list of numbers", "one"))
 }
 

@@ -89,6 +89,11 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError>
     Ok(file)
 }
 
+/// Points that the header at the beginning of these bytes declares; `None` where it is none.
+pub(crate) fn declared_points(head: &[u8]) -> Option<u64> {
+    parse_header(Path::new(""), text::without_mark(head)).ok().map(|header| header.points)
+}
+
 fn parse_header(path: &Path, bytes: &[u8]) -> Result<Header, FormatError> {
     let lone_return = bytes.iter().find(|b| matches!(b, b'\n' | b'\r')) == Some(&b'\r')
         && bytes.windows(2).find(|w| w[0] == b'\r').is_none_or(|w| w[1] != b'\n');

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Columns go by the names above them, in a comment or not; without names, the first three are positions, and columns four to
 /// six normals where all of them have unit length, else colours or intensities, which are ignored as all further ones are.
-/// `#` and `//` begin comments; one line of words may stand above the numbers, and one with a lone count.
+/// `#`, `//` and, at the beginning of a line, `%` begin comments; one line of words may stand above the numbers, and one with a lone count.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError> {
     let text = text::decode(bytes);
     let mut head = Head::default();
@@ -17,6 +17,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<CloudFile, FormatError>
         Table { path, columns: Columns::by_place(), named_in: 0, commas: None, numbers: None, rows: vec![] };
     for (number, line) in text::lines(&text) {
         let content = text::without_comment(line).split("//").next().unwrap_or("").trim_matches('\u{feff}');
+        let content = if content.trim_start().starts_with('%') { "" } else { content };
         if !table.rows.is_empty() {
             if !content.trim().is_empty() {
                 table.push(number, content)?;
@@ -48,7 +49,7 @@ struct Head {
 
 impl Head {
     fn take_comment(&mut self, number: usize, line: &str) {
-        let names = line.trim_matches(|c: char| c.is_whitespace() || "#/".contains(c));
+        let names = line.trim_matches(|c: char| c.is_whitespace() || "#/%".contains(c));
         if let Ok(Some(columns)) = Columns::named(names) {
             self.comment = Some((number, columns));
         }

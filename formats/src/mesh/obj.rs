@@ -24,13 +24,17 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     let mut faces: Vec<(usize, usize)> = vec![]; // line, end in `corners`
     let mut joined = String::new();
     let mut num_faces = 0usize;
-    for (number, line) in text::lines(&text) {
+    let mut lines = text::lines(&text).peekable();
+    while let Some((number, line)) = lines.next() {
         let place = || Place::Line(number);
-        let content = text::without_comment(line).trim_end();
+        let mut content = text::without_comment(line).trim_end();
         if let Some(part) = content.strip_suffix('\\') {
-            joined.push_str(part);
-            joined.push(' ');
-            continue;
+            content = part;
+            if lines.peek().is_some() {
+                joined.push_str(part);
+                joined.push(' ');
+                continue;
+            }
         }
         let whole = (!joined.is_empty()).then(|| std::mem::take(&mut joined) + content);
         let mut words = whole.as_deref().unwrap_or(content).split_whitespace();

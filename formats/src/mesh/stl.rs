@@ -66,11 +66,13 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     let mut builder = MeshBuilder::default();
     let mut corners = vec![];
     let mut last = 0;
+    let mut ended = false;
     for (number, line) in text::lines(&text) {
         last = number;
         let place = Place::Line(number);
         let mut words = line.split_whitespace();
         let word = words.next().unwrap_or("").to_ascii_lowercase();
+        ended = word == "endsolid" || ended && word.is_empty();
         match word.as_str() {
             "vertex" => {
                 let mut position = [0.0; 3];
@@ -107,6 +109,9 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Mesh, FormatError> {
     }
     if !corners.is_empty() {
         return Err(FormatError::truncated(path, Place::Line(last), "endloop"));
+    }
+    if !ended {
+        builder.notes.push("the text ends without endsolid: the file may have been cut off".to_owned());
     }
     builder.finish(path, || "no facet".to_owned())
 }

@@ -154,3 +154,16 @@ fn binary_rows_sent_as_text_are_refused() {
     let error = read(&pairs(&body)).expect_err("shifted").to_string();
     assert!(error.contains("a.ply\", binary rows: found a carriage return before every line feed"), "{error}");
 }
+
+#[test]
+fn the_only_list_of_integers_makes_the_faces_whatever_its_name() {
+    let text =
+        |lists: &str, row: &str| format!("{HEAD}element face 1\n{lists}end_header\n0 0 0\n1 0 0\n0 1 0\n{row}\n");
+    let one = text("property list uchar float uv\nproperty list uchar int vertex_ids\n", "1 0.5 3 0 1 2");
+    let content = parse(Path::new("a.ply"), one.as_bytes(), true).unwrap();
+    assert_eq!((&content.corners[..], &content.ends[..]), (&[0, 1, 2][..], &[3][..]));
+    assert!(content.notes[0].contains("\"vertex_ids\", the only list of integers"), "{:?}", content.notes);
+    let two = text("property list uchar int a\nproperty list uchar int b\n", "1 0 3 0 1 2");
+    let message = mesh(&two).expect_err("which?").to_string();
+    assert!(message.contains("0 faces"), "{message}");
+}

@@ -82,3 +82,37 @@ fn a_link_is_followed_and_stays_one() {
     atomic_write(&to_there, b"new").expect_err("a directory");
     assert!(to_there.is_symlink() && there.is_dir());
 }
+
+#[cfg(unix)]
+#[test]
+fn a_link_to_a_file_that_is_not_there_yet_is_followed_too() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [file, middle, link] = ["real.txt", "middle.txt", "link.txt"].map(|name| folder.path().join(name));
+    std::os::unix::fs::symlink(&file, &middle).expect("linked");
+    std::os::unix::fs::symlink("middle.txt", &link).expect("linked");
+    atomic_write(&link, b"new").expect("written");
+    assert!(link.is_symlink() && middle.is_symlink());
+    assert_eq!(std::fs::read(&file).expect("read"), b"new");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_written_to_and_not_replaced_by_a_file() {
+    use std::os::unix::fs::FileTypeExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let [pipe, link] = ["pipe", "link"].map(|name| folder.path().join(name));
+    if !std::process::Command::new("mkfifo").arg(&pipe).status().is_ok_and(|status| status.success()) {
+        return;
+    }
+    std::os::unix::fs::symlink("pipe", &link).expect("linked");
+    for path in [&pipe, &link] {
+        // Both ends are held open, so that the writer does not wait.
+        let mut reader = std::fs::File::options().read(true).write(true).open(&pipe).expect("opened");
+        atomic_write(path, b"page").expect("written");
+        assert!(std::fs::metadata(&pipe).expect("there").file_type().is_fifo(), "{path:?}");
+        let mut found = [0; 4];
+        std::io::Read::read_exact(&mut reader, &mut found).expect("read");
+        assert_eq!(&found, b"page");
+    }
+    assert!(link.is_symlink());
+}

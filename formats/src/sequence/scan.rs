@@ -9,6 +9,7 @@ use crate::{FormatError, Place};
 use geometry::{DepthImage, PinholeCamera};
 use nalgebra::{Isometry3, Point3};
 use planning::pose::rigid;
+use planning::scan::FARTHEST_M;
 use std::path::Path;
 
 /// Largest difference between two given positions of the same camera, metres.
@@ -105,6 +106,23 @@ impl Reader<'_> {
         if let Some(unit) = file.metres_per_unit.filter(|unit| *unit != 1.0) {
             notes.push(format!("{cloud}: read in units of {unit} m, as its columns say"));
             points.iter_mut().for_each(|p| p.coords *= unit);
+        }
+        let all = points.len();
+        points.retain(|p| p.coords.amax() <= FARTHEST_M);
+        match all - points.len() {
+            0 => {}
+            far if far == all => {
+                let (path, found) =
+                    (self.folder.join(cloud), format!("no point within {FARTHEST_M:.0e} m of the origin"));
+                return Err(FormatError::Empty {
+                    path,
+                    found,
+                    expected: "points near the origin: of coordinates of a survey subtract an offset first, and the same from cameras",
+                });
+            }
+            far => notes.push(format!(
+                "{cloud}: dropped {far} points farther away than {FARTHEST_M:.0e} m: markers for no return?"
+            )),
         }
         Ok(points)
     }

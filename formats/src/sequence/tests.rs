@@ -272,3 +272,19 @@ fn a_cloud_in_an_unknown_unit_is_refused() {
     let error = error.expect_err("how long?").to_string();
     assert!(error.contains("a.csv") && error.contains("found the unit \"px\""), "{error}");
 }
+
+#[test]
+fn points_beyond_any_scene_are_dropped_and_counted() {
+    let (dir, ..) = folder();
+    fs::write(dir.path().join("wild.xyz"), "0 0 0.1\n0 0.1 0\n2e19 0 0\n").expect("written");
+    fs::write(dir.path().join("survey.xyz"), "4e5 5.6e6 100\n").expect("written");
+    let text =
+        |cloud: &str| format!("{{\"working_distance_m\": 1, \"scans\": [{SCAN}, {}]}}", SCAN.replace("a.ply", cloud));
+    let path = dir.path().join(SEQUENCE);
+    fs::write(&path, text("wild.xyz")).expect("written");
+    let (sequence, notes) = read_with_notes(&path).expect("good");
+    assert_eq!(sequence.scans[1].points.len(), 2);
+    assert!(notes.iter().any(|note| note.contains("wild.xyz: dropped 1 points farther away than 1e6 m")), "{notes:?}");
+    let error = read(dir.path(), &text("survey.xyz")).expect_err("nothing is left").to_string();
+    assert!(error.contains("survey.xyz") && error.contains("no point within 1e6 m"), "{error}");
+}

@@ -56,7 +56,7 @@ impl ShardReader {
     /// # Errors
     /// An unreadable file, a damaged or foreign one, another schema version, counts that do not agree.
     pub fn open(path: &Path) -> Result<Self, FormatError> {
-        let mut file = File::open(path).map_err(|e| FormatError::io(path, "open", e))?;
+        let (mut file, _) = crate::file::open(path)?;
         let mut bytes = Vec::new();
         let stamp = Stamp::of(&file).and_then(|stamp| file.read_to_end(&mut bytes).map(|_| stamp));
         let stamp = stamp.map_err(|e| FormatError::io(path, "read", e))?;
@@ -84,7 +84,7 @@ impl ShardReader {
     /// # Errors
     /// An unreadable or foreign file, another schema version.
     pub fn peek(path: &Path) -> Result<ShardMetadata, FormatError> {
-        let mut file = File::open(path).map_err(|e| FormatError::io(path, "open", e))?;
+        let (mut file, _) = crate::file::open(path)?;
         let mut read = || {
             let mut length = [0; 8];
             file.read_exact(&mut length)?;
@@ -178,7 +178,7 @@ impl ShardReader {
     /// A file that cannot be read any more, or is no longer the one that was opened.
     pub fn sample(&self, index: usize) -> Result<Sample, FormatError> {
         let io = |e| FormatError::io(&self.path, "read", e);
-        let mut file = File::open(&self.path).map_err(io)?;
+        let (mut file, _) = crate::file::open(&self.path)?;
         if Stamp::of(&file).map_err(io)? != self.stamp {
             return Err(FormatError::Changed { path: self.path.clone() });
         }

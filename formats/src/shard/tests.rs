@@ -166,3 +166,21 @@ proptest! {
         }
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_refused_and_not_waited_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = |path: &Path| {
+        [ShardReader::open(path).map(drop), ShardReader::peek(path).map(drop)]
+            .map(|read| read.expect_err("no file").to_string())
+    };
+    for text in text(dir.path()) {
+        assert!(text.contains("found a directory, expected a file"), "{text}");
+    }
+    let endless = dir.path().join("a.safetensors");
+    std::os::unix::fs::symlink("/dev/zero", &endless).unwrap();
+    for text in text(&endless) {
+        assert!(text.contains("a.safetensors") && text.contains("found a pipe, socket or device"), "{text}");
+    }
+}

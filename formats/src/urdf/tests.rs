@@ -155,6 +155,11 @@ fn what_is_no_serial_arm_is_refused_by_name() {
     refused(&text.replacen("<sphere ", "<sphere xacro:if=\"a\" ", 1), "tool0", "run xacro");
     refused(&text.replacen("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>", 1), "tool0", "an axis that is none");
     refused("plain text", "tool0", "no element");
+    let twice = |element: &str| text.replacen("</robot>", &format!("{element}</robot>"), 1);
+    let second = "<joint name=\"weld\" type=\"fixed\"><parent link=\"base_link\"/><child link=\"tool0\"/></joint>";
+    refused(&twice(second), "tool0", "joint \"weld\": found a second joint that moves link \"tool0\"");
+    refused(&twice("<link name=\"upper_arm_link\"/>"), "tool0", "no link \"upper_arm_link\", or more than one");
+    refused(&text.replacen(" lower=", " low=", 1), "tool0", "found no limits, expected <limit lower=");
     let meshed = text.replacen("<sphere radius=\"0.08\"/>", "<mesh filename=\"package://x.stl\"/>", 1);
     let read = parse_urdf(Path::new("arm.urdf"), meshed.as_bytes(), "tool0").expect("an arm");
     assert!(read.notes[0].contains("shoulder_link") && read.notes[0].contains("x.stl"), "{:?}", read.notes);

@@ -21,7 +21,7 @@ impl Neighborhoods {
         NeighborGrid::new(points, 0.0).neighborhoods(points.len(), k)
     }
 
-    /// Rows of non-finite points, yet to be filled.
+    /// Rows of points that the grid leaves out, yet to be filled.
     fn unknown(num_points: usize, k: usize) -> Self {
         let (ids, distances2) = (vec![u32::MAX; num_points * k], vec![f32::INFINITY; num_points * k]);
         Self { k, ids, distances2, sums: vec![f64::INFINITY; num_points] }

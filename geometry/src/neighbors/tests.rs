@@ -81,6 +81,20 @@ fn non_finite_points_and_queries_are_ignored() {
 }
 
 #[test]
+fn points_too_far_for_squares_of_distances_are_ignored_and_nothing_waits_for_them() {
+    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let points: Vec<_> = [0.0, 2e19, 1.0, -1e39, f64::MAX].map(at).to_vec();
+    let grid = NeighborGrid::new(&points, 0.1);
+    assert_eq!(grid.len(), 2);
+    assert_eq!(grid.neighborhoods(points.len(), 5).ids(0), [0, 2]);
+    assert!((spacing(&points) - 1.0).abs() < 1e-12);
+    // The square of its distance overflows.
+    let found: Vec<_> = grid.k_nearest(&at(1e30), 5).iter().map(|n| n.index).collect();
+    assert_eq!(found, [0, 2]);
+    assert!(NeighborGrid::new(&[at(1e39)], 0.1).k_nearest(&at(0.0), 1).is_empty());
+}
+
+#[test]
 fn degenerate_and_far_flung_clouds_stay_exact_and_small() {
     let same = vec![Point3::new(1.0, 2.0, 3.0); 50];
     assert_eq!(NeighborGrid::new(&same, 0.0).neighborhoods(50, 30).ids(40), (0..30).collect::<Vec<u32>>());

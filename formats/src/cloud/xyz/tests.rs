@@ -48,6 +48,8 @@ fn names_say_which_columns_are_read() {
         "# x, y, z\n1 2 3\n4 5 6\n",
         "x,y,z\n1 2 3\n4 5 6\n",
         "# Point ID, x, y, z\n7, 1, 2, 3\n8, 4, 5, 6\n",
+        "% made by hand\n% x y z\n1 2 3 9\n % half of it\n4 5 6 9\n",
+        "% id x y z\n1 1 2 3\n2 4 5 6\n",
     ] {
         let file = read(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));
         let points: Vec<_> = file.cloud.points.iter().map(|p| [p.x, p.y, p.z]).collect();

@@ -44,3 +44,11 @@ fn errors_name_line_found_and_expected() {
     assert!(text("# nothing").contains("found 0 vertices and 0 faces"));
     assert!(text("v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3").contains("without area"));
 }
+
+#[test]
+fn lines_go_on_behind_a_backslash_unless_the_file_ends() {
+    for faces in ["f 1 \\\n2 \\\n3", "f 1 2 3 \\", "f 1 2 \\\n3 \\\n"] {
+        let mesh = read(&format!("v 0 0 0\nv 2 0 0\nv 0 2 0\n{faces}")).unwrap_or_else(|e| panic!("{faces:?}: {e}"));
+        assert_eq!(mesh.area(), 2.0, "{faces:?}");
+    }
+}

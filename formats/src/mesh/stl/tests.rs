@@ -38,7 +38,10 @@ fn errors_name_place_found_and_expected() {
     assert!(error(b"solid a\nvertex 1 2 x\n").contains("line 2: found \"x\""));
     assert!(error(b"solid a\nvertex 1 2 3\nendloop").contains("line 3: found a facet of 1 vertices"));
     assert!(error(b"solid a\nvertex 1 2 3\n").contains("ends here"));
-    assert!(error(b"solid a\nendsolid a").contains("found no facet"));
+    assert!(error(b"solid a\nendsolid a\n\n").contains("found no facet, expected"));
+    assert!(
+        error(b"solid a\nfacet normal 0 0 1\nouter loop\n").contains("found no facet; the text ends without endsolid")
+    );
     assert!(error(b"").contains("0 bytes"));
 }
 
