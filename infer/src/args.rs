@@ -1,6 +1,7 @@
 //! The command line of `infer`.
 
 use crate::load::Origin;
+use crate::plan::VIEWS;
 use crate::request::Unit;
 use anyhow::bail;
 use clap::Parser;
@@ -54,7 +55,7 @@ const SERVICE: &str = "Service";
     after_long_help = format!("{EXAMPLES}\n{EXIT_CODES} With --serve, 0 is a requested stop after all requests were answered, 130 a second one."),
 )]
 pub struct Args {
-    /// Clouds (PLY, PCD, XYZ, NPY), oldest first
+    /// Clouds (PLY, PCD, XYZ, CSV, NPY), oldest first
     ///
     /// All clouds are in one world frame.
     #[arg(help_heading = SCANS, long, num_args = 1.., value_name = "FILE")]
@@ -202,8 +203,8 @@ pub struct Args {
     /// travel.
     #[arg(help_heading = OUTPUT, long, value_name = "FILE", conflicts_with_all = ["object", "serve"])]
     pub plan: Option<PathBuf>,
-    /// Maximum number of views in --plan
-    #[arg(help_heading = OUTPUT, hide_short_help = true, long, value_name = "COUNT", default_value_t = 8, requires = "plan", conflicts_with_all = ["object", "serve"])]
+    /// Maximum number of views in --plan, up to 100
+    #[arg(help_heading = OUTPUT, hide_short_help = true, long, value_name = "COUNT", default_value_t = 8, value_parser = plan_views, requires = "plan", conflicts_with_all = ["object", "serve"])]
     pub plan_views: usize,
     /// Write the measured surface as triangles, PLY or STL
     ///
@@ -321,6 +322,12 @@ fn support(text: &str) -> Result<Support, String> {
             support.check().map(|()| support).map_err(|e| e.to_string())
         }
     }
+}
+
+fn plan_views(text: &str) -> Result<usize, String> {
+    let (least, most) = (VIEWS.start(), VIEWS.end());
+    let within = |count: &usize| VIEWS.contains(count);
+    text.parse().ok().filter(within).ok_or_else(|| format!("{text:?}: expected {least} to {most} views"))
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

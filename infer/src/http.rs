@@ -234,9 +234,12 @@ async fn answer(
     let _gone = patience.gone.set_on_drop();
     // A key that is no text is as bad as none.
     let name = request.headers().get("idempotency-key").map(|name| name.to_str().unwrap_or_default().to_owned());
-    let limit = if method == Method::AddScan { service.limits().body() } else { SMALL };
+    let most = match method {
+        Method::AddScan => (service.limits().body(), "thin the scan, or raise service.body_mib"),
+        _ => (SMALL, "only those of scans may be"),
+    };
     let mut held = service.memory().nothing();
-    let bytes = body::receive(request, limit, &mut held).await?;
+    let bytes = body::receive(request, most, &mut held).await?;
     connection.busy.store(true, Ordering::SeqCst);
     let room = bytes.capacity() + reading(method, bytes.len());
     timeout_at(patience.end().into(), held.grow(room)).await.map_err(|_| service.memory().full())?;

@@ -16,11 +16,11 @@ use std::path::Path;
 /// Limits of a person's own command.
 const UNHURRIED: u64 = 3_600_000;
 
-/// The one session of this folder, or none yet.
+/// The one session of this folder, or none yet. Its settings come with each command ([`add`]).
 ///
 /// # Errors
 /// The folder is in use, cannot be read, or holds several sessions.
-pub fn service(config: &SessionConfig, network: Option<Network>, folder: &Path) -> Result<Service> {
+pub fn service(network: Option<Network>, folder: &Path) -> Result<Service> {
     let limits = ServiceConfig {
         deadline_ms: UNHURRIED,
         max_deadline_ms: UNHURRIED,
@@ -30,7 +30,7 @@ pub fn service(config: &SessionConfig, network: Option<Network>, folder: &Path) 
         memory_mib: 1 << 20,
         ..ServiceConfig::default()
     };
-    let service = Service::new(config.clone(), network, limits).keeping_state(folder)?;
+    let service = Service::new(SessionConfig::default(), network, limits).keeping_state(folder)?;
     let names = service.names();
     if names.len() > 1 {
         bail!(
@@ -57,7 +57,7 @@ pub fn add(service: &Service, entry: &Entry, open: &mut Open, config: &SessionCo
         let ask = Ask::parse(Method::AddScan, Body::Whole(&body), false, true).map(|ask| ask.told(told));
         let place = || match before {
             0 => format!("{path:?}"),
-            _ => format!("{path:?} (the {before} before it were added: repeat the command without them)"),
+            _ => format!("{path:?} (the scans before it were added: repeat the command without them)"),
         };
         let reply = ask.and_then(&mut work).with_context(place)?;
         tracing::info!("{path:?}: {}", String::from_utf8_lossy(&reply.body));
@@ -95,8 +95,9 @@ fn bodies<'a>(config: &SessionConfig, args: &'a Args) -> Result<Vec<(&'a Path, V
     for (i, (path, pose)) in args.depth.iter().zip(of_images).enumerate() {
         // Errors are reported in full; the file is kept as it came.
         let loaded = load::depth(path, args.depth_unit, pose, camera, config.misses)?.named(path);
-        let told = Told { notes: loaded.reading.notes, world_from_camera: None };
         let (world_from_camera, camera) = load::placed_camera(path, pose, camera)?;
+        // A matrix is not read as the very same pose.
+        let told = Told { notes: loaded.reading.notes, world_from_camera: Some(world_from_camera) };
         let bytes = STANDARD.encode(load::named_bytes(path)?);
         let is_png = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
         let lens = camera.lens;

@@ -171,7 +171,10 @@ pub fn serve(service: &Service, client: &Client, stop: &'static AtomicBool) -> R
             Ok(line) if Answered::parse(&line).is_some() => continue,
             Ok(line) => answer_line(service, &line),
             Err(_) => {
-                let message = format!("the line is longer than {} MiB", client.limit >> 20);
+                let message = format!(
+                    "the line is longer than {} MiB: thin the scan, or raise service.body_mib",
+                    client.limit >> 20
+                );
                 (Value::Null, Err(Refusal::new(413, "too_large", message)))
             }
         };

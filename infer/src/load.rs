@@ -6,13 +6,14 @@ mod poses;
 mod told;
 
 pub use origin::Origin;
+pub(crate) use poses::off_rotation;
 pub use poses::{PoseFile, poses, read_pose, rigid};
 pub(crate) use told::Told;
 
 use crate::request::Unit;
 use anyhow::{Context, Result, bail};
 use formats::FormatError;
-use formats::camera::CameraFile;
+use formats::camera::{CameraFile, INTRINSICS, check_intrinsics};
 use formats::cloud::{CloudFile, parse_cloud, read_cloud};
 use formats::depth::{DepthFile, parse_depth, read_depth, told_unit};
 use formats::poses::FilePose;
@@ -210,16 +211,14 @@ impl From<CameraFile> for DepthCamera {
 
 /// The pinhole camera of a depth image, its distortion aside.
 fn pinhole(file: &DepthFile, camera: &DepthCamera) -> Result<PinholeCamera> {
-    let intrinsics @ [fx, fy, cx, cy] = camera.intrinsics;
     if let Some([width, height]) = camera.size.filter(|size| *size != file.image.size) {
         let [columns, rows] = file.image.size;
         bail!(
             "{columns} x {rows} pixels, but the camera was calibrated for {width} x {height}: give the calibration of this size"
         );
     }
-    if !(fx > 0.0 && fy > 0.0 && intrinsics.iter().all(|x| x.is_finite())) {
-        bail!("intrinsics: expected fx, fy, cx, cy with fx and fy positive, found {fx}, {fy}, {cx}, {cy}");
-    }
+    let wrong = |found| anyhow::anyhow!("intrinsics: found {found}, expected {INTRINSICS}");
+    let [fx, fy, cx, cy] = check_intrinsics(camera.intrinsics).map_err(wrong)?;
     Ok(PinholeCamera { width: file.image.size[0], height: file.image.size[1], fx, fy, cx, cy })
 }
 
@@ -283,13 +282,14 @@ pub fn depth(
     misses: NoReturn,
 ) -> Result<Loaded> {
     check_unit("--depth-unit", metres_per_unit)?;
-    let filed = poses::file_pose(pose)?;
+    let filed = poses::file_pose("--pose", pose)?;
     let camera = camera_of(path, &filed, given)?;
     let file = read_depth(path, metres_per_unit.or(camera.metres_per_unit))?;
     let mut loaded =
         from_depth_file(file, &camera, filed.world_from_camera, misses).with_context(|| format!("{path:?}"))?;
     loaded.reading.notes.extend(told_unit(path, metres_per_unit, camera.metres_per_unit, "--depth-unit"));
     loaded.reading.notes.extend(other_intrinsics(&filed, &camera));
+    loaded.reading.notes.extend(off_rotation(filed.off));
     Ok(loaded)
 }
 
@@ -303,7 +303,7 @@ fn other_intrinsics(filed: &FilePose, camera: &DepthCamera) -> Option<String> {
 
 /// The pose of a depth image's camera, and the camera.
 pub fn placed_camera(path: &Path, pose: &str, given: Option<GivenCamera>) -> Result<(Isometry3<f64>, DepthCamera)> {
-    let filed = poses::file_pose(pose)?;
+    let filed = poses::file_pose("--pose", pose)?;
     Ok((filed.world_from_camera, camera_of(path, &filed, given)?))
 }
 
@@ -327,9 +327,12 @@ fn camera_of(path: &Path, filed: &FilePose, given: Option<GivenCamera>) -> Resul
 
 /// A cloud from a file with the pose of its camera: most of it must lie ahead, or it is in the camera's own frame, which the pose places.
 pub fn cloud_from(path: &Path, unit: Option<Unit>, pose: &str) -> Result<Loaded> {
-    let (world_from_camera, _) = read_pose(pose)?;
+    let FilePose { world_from_camera, off, .. } = poses::file_pose("--pose", pose)?;
     let file = in_known_unit(path, read_cloud(path)?, unit)?;
-    placed(file, unit, &world_from_camera).map_err(|why| anyhow::anyhow!("--pose {pose}, {path:?}: {why}"))
+    let placed = placed(file, unit, &world_from_camera);
+    let mut loaded = placed.map_err(|why| anyhow::anyhow!("--pose {pose}, {path:?}: {why}"))?;
+    loaded.reading.notes.extend(off_rotation(off));
+    Ok(loaded)
 }
 
 fn placed(file: CloudFile, unit: Option<Unit>, given: &Isometry3<f64>) -> Result<Loaded, String> {

@@ -1,13 +1,14 @@
 //! The files that a command is to write: asked about before anything is read, so that no measured scan is replaced and no result lost.
 
 use crate::args::Args;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Holds the files to write against those to read, and against each other.
 ///
 /// # Errors
-/// One that would be written over an input or over another output, is a directory, or has the ending of another format.
+/// One that would be written over an input or over another output, is a directory, has the ending of another format, or cannot be written.
 pub fn check(args: &Args) -> Result<()> {
     let mut taken: Vec<(&str, PathBuf)> = inputs(args).map(|(flag, path)| (flag, place(path))).collect();
     let outputs: [(&str, &Option<PathBuf>, &[&str]); 5] = [
@@ -28,6 +29,25 @@ pub fn check(args: &Args) -> Result<()> {
             bail!("{flag} {path:?}: the file of {other}, which would be overwritten: name another");
         }
         taken.push((flag, place));
+        check_writable(path).with_context(|| format!("{flag} {path:?}"))?;
+    }
+    Ok(())
+}
+
+/// Begins a file as it will be begun, beside what is there, and takes it back: what the system will refuse is known before there is a
+/// result to lose. Folders that are missing are not made, and nothing is written to a device or pipe.
+fn check_writable(path: &Path) -> Result<()> {
+    if path.exists() && !path.is_file() {
+        return Ok(());
+    }
+    let folder = path.ancestors().skip(1).find(|folder| folder.exists()).unwrap_or(Path::new(""));
+    let mut begun = false;
+    let ended = formats::run::atomic_write_with(&folder.join(path.file_name().unwrap_or_default()), |_| {
+        begun = true;
+        Err(ErrorKind::Interrupted.into())
+    });
+    if !begun {
+        ended?;
     }
     Ok(())
 }
@@ -111,6 +131,22 @@ mod tests {
         }
         assert_eq!(refused("infer --object procedural:3", "--mesh"), Ok(()));
         assert_eq!(refused("infer --depth d.png --pose 0,0,0,0,0,0,1", "--mesh"), Ok(()));
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_refused_at_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        let [file, new, deep] = ["page.html", "new.html", "a/b/new.html"].map(at);
+        std::fs::write(&file, "mine").expect("a file");
+        for path in [&file, &new, &deep] {
+            check_writable(path).expect("it can be written");
+        }
+        let left: Vec<_> = std::fs::read_dir(folder.path()).expect("a folder").flatten().map(|e| e.path()).collect();
+        assert_eq!(left, std::slice::from_ref(&file), "nothing is made");
+        assert_eq!(std::fs::read_to_string(&file).expect("read"), "mine");
+        let error = format!("{:#}", check_writable(&file.join("deep/new.html")).expect_err("in a file"));
+        assert!(error.contains("page.html\": cannot make the directory"), "{error}");
     }
 
     #[test]

@@ -11,12 +11,14 @@ use formats::camera::read_camera;
 use formats::program::{CommonArgs, STOPPED, finish, misuse, print, print_line, stop_when_asked};
 use formats::urdf::{UrdfArm, read_urdf};
 use nalgebra::Isometry3;
+use planning::planners::auto::ChooseError;
 use planning::pose::Pose;
 use planning::registration::Register;
 use planning::session::{Request, ViewCheck};
 use planning::{Answer, Budget, PlannerName, Session, SessionConfig};
 use ros2::Ros2Config;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
@@ -70,6 +72,9 @@ fn run(args: &Args) -> Result<ExitCode> {
     if args.pose_error.is_some() && !args.serve && config.registration.register == Register::Off {
         misuse::<Args>("--pose-error has no effect without registration: add --register check or --register refine");
     }
+    if args.misses.is_some() && args.depth.is_empty() && !args.serve {
+        misuse::<Args>("--misses has no effect without --depth: what an organised cloud leaves out is always unknown");
+    }
     let views = given_views(args, &config)?;
     let device = args.device.as_deref().unwrap_or(weights::CPU);
     let network = || weights::network(args.weights.as_deref(), device).map(Some);
@@ -93,13 +98,13 @@ fn run(args: &Args) -> Result<ExitCode> {
     }
     if let Some(folder) = &args.session {
         let place = || format!("--session {folder:?}");
-        let service = kept::service(&config, network()?, folder).with_context(place)?;
+        let service = kept::service(network()?, folder).with_context(place)?;
         let entry = service.first().map_err(anyhow::Error::from).with_context(place)?;
         let mut open = entry.open.blocking_lock();
         kept::add(&service, &entry, &mut open, &config, args)?;
         let answered = answer(open.session(), views, args);
         let adds = !(args.scan.is_empty() && args.depth.is_empty());
-        return if adds { answered.with_context(|| kept::added(folder)) } else { answered };
+        return answered.with_context(|| if adds { kept::added(folder) } else { place() });
     }
     if args.scan.is_empty() && args.depth.is_empty() {
         misuse::<Args>("nothing to plan on: give --scan FILE, --depth FILE, --object MESH or --serve");
@@ -118,6 +123,9 @@ pub(crate) fn checked_by(args: &Args) -> Option<ViewCheck> {
 /// The poses of --views-from: read before a session keeps any scan, so that the command can be repeated where they cannot be used.
 fn given_views(args: &Args, config: &SessionConfig) -> Result<Option<Vec<Isometry3<f64>>>> {
     let Some(path) = &args.views_from else { return Ok(None) };
+    if config.planner == PlannerName::BenbvNet {
+        bail!(ChooseError::GivenViews);
+    }
     if config.turntable.as_ref().is_some_and(|table| table.cell_from_camera.is_some()) {
         bail!("--views-from: turntable.cell_from_camera says that the camera is fixed; remove one of them");
     }
@@ -219,7 +227,7 @@ fn robot(args: &Args) -> Result<Vec<Option<Flag>>> {
     }
     let hand_eye = |flag: &str, text: &Option<String>| -> Result<Option<toml::Value>> {
         let Some(text) = text else { return Ok(None) };
-        let (pose, _) = load::read_pose(text).with_context(|| format!("{flag} {text}"))?;
+        let (pose, _) = load::read_pose(flag, text)?;
         Ok(Some(toml::Value::try_from(Pose::from(&pose).matrix)?))
     };
     let one = hand_eye("--flange-from-camera", &args.flange_from_camera)?;
@@ -290,7 +298,10 @@ fn closed_loop(object: &str, args: &Args, session: Session) -> Result<ExitCode> 
     if let Some(directory) = &args.export_scans {
         let camera = outcome.session.config().camera.camera();
         let commands = simulate::export_scans(directory, args, &outcome, &camera)?;
-        print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?;
+        match args.json {
+            true => print_line(json!({ "scans_in": directory, "commands": commands.lines().collect::<Vec<_>>() }))?,
+            false => print_line(format_args!("scans in {}; plan on them with\n{commands}", directory.display()))?,
+        }
     }
     Ok(if outcome.stopped { ExitCode::from(STOPPED) } else { ExitCode::SUCCESS })
 }

@@ -8,6 +8,7 @@ use server::{Server, sheet};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
+use std::time::Duration;
 
 fn sample(name: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../samples").join(name).display().to_string()
@@ -117,6 +118,23 @@ fn a_program_that_does_not_answer_is_an_error_and_no_hang() {
         "the result has 1 entries for",
     );
     fails(&["--check-with", r#"read -r x; echo '{"id":"check-1","error":"no planning scene"}'"#], "no planning scene");
+}
+
+#[test]
+fn a_program_that_hangs_is_ended_with_all_that_it_started() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let fifo = folder.path().join("fifo");
+    assert!(Command::new("mkfifo").arg(&fifo).status().is_ok_and(|status| status.success()), "mkfifo runs");
+    // Once it runs it says what is no answer, and goes on.
+    let started = "echo up; echo hello >&3; exec sleep 600 3>&-";
+    let command = format!("sh -c '{started}' 3>&1 > '{}' 2> /dev/null; true", fifo.display());
+    let (sender, read) = std::sync::mpsc::channel();
+    std::thread::spawn(move || sender.send(std::fs::read(fifo).expect("a pipe")));
+    let output = infer(&["--check-with", &command]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && told.contains("it wrote \"hello\""), "{told}");
+    // The pipe ends with the last process that could write to it.
+    assert_eq!(read.recv_timeout(Duration::from_secs(60)).expect("it is ended"), b"up\n");
 }
 
 #[test]

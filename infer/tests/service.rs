@@ -127,6 +127,18 @@ fn a_repeated_request_is_answered_again_and_not_done_again() {
 }
 
 #[test]
+fn a_body_that_is_too_large_says_what_may_be_larger() {
+    let server = Server::start_with(&["--planner", "farthest", "--set", "service.body_mib=1"]);
+    for (path, said) in [("/sessions", "only those of scans may be"), ("/sessions/1/scans", "raise service.body_mib")] {
+        let host = &server.address;
+        let head = format!("POST {path} HTTP/1.1\r\nHost: {host}\r\nContent-Length: 9999999\r\n\r\n");
+        let (status, answer) = server.raw(head.as_bytes());
+        let message = answer["error"]["message"].as_str().unwrap_or_default();
+        assert!(status == 413 && message.contains("larger than 1 MiB") && message.contains(said), "{answer}");
+    }
+}
+
+#[test]
 fn every_refused_method_says_what_the_path_answers() {
     let server = Server::start();
     for (path, allow) in [("/openapi.yaml", "GET"), ("/sessions", "GET, POST"), ("/sessions/1/next", "POST")] {

@@ -156,6 +156,24 @@ fn a_scan_larger_than_is_allowed_now_is_not_called_damaged() {
 }
 
 #[test]
+fn a_session_of_commands_may_keep_all_points_and_is_named_where_it_has_none() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let cloud = geometry::PointCloud { points: sides(&Isometry3::identity()), normals: Vec::new() };
+    formats::cloud::write_ply(&folder.path().join("scan.ply"), &cloud).expect("written");
+    let run = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_infer")).args(arguments).output().expect("runs");
+        (serde_json::from_slice::<Value>(&output.stdout).ok(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (scan, part) = (at("scan.ply"), at("part"));
+    let given = ["--json", "--set", "max_points=0", "--scan", &scan, "--from", "0.7,0.8,0.9"];
+    let (kept, error) = run(&[&given[..], &["--session", &part]].concat());
+    assert!(kept.is_some() && kept == run(&given).0, "{error}");
+    let (none, error) = run(&["--session", &at("prat")]);
+    assert!(none.is_none() && error.contains("prat\": there is no scan yet"), "{error}");
+}
+
+#[test]
 fn a_command_does_not_choose_among_several_sessions() {
     let kept = Kept::new();
     let mut server = kept.start(&[]);

@@ -47,6 +47,8 @@ fn flags_that_do_nothing_are_refused() {
         ("--object m --plan-views 3", "--plan-views"),
         ("--serve --plan-views 3", "--plan-views"),
         ("--scan a --stop-below 2", "share from 0 to 1"),
+        ("--scan a --plan p.csv --plan-views 0", "expected 1 to 100 views"),
+        ("--scan a --plan p.csv --plan-views 101", "expected 1 to 100 views"),
         ("--scan a --distance -1", "length above 0"),
         ("--scan a --seed -1", "whole number"),
     ] {

@@ -117,7 +117,11 @@ impl CheckedBy {
 
 fn start(command: &str) -> Result<Running, String> {
     let (shell, flag) = if cfg!(windows) { ("cmd", "/C") } else { ("sh", "-c") };
-    let mut process = Command::new(shell)
+    let mut program = Command::new(shell);
+    // In a group of its own: Ctrl-C is for infer, which may have requests to answer still, and what the shell starts is ended with it.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut program, 0);
+    let mut process = program
         .args([flag, command])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -179,11 +183,19 @@ impl Drop for Running {
         let end = Instant::now() + GRACE;
         while matches!(self.process.try_wait(), Ok(None)) {
             if Instant::now() >= end {
-                let _ = self.process.kill();
-                let _ = self.process.wait();
+                kill(&mut self.process);
                 return;
             }
             thread::sleep(LOOK);
         }
     }
+}
+
+/// Ends the shell and what it has started.
+fn kill(process: &mut Child) {
+    #[cfg(unix)]
+    let _ =
+        Command::new("sh").args(["-c", &format!("kill -s KILL -- -{}", process.id())]).stderr(Stdio::null()).status();
+    let _ = process.kill();
+    let _ = process.wait();
 }

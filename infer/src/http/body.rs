@@ -18,16 +18,20 @@ const FORGOTTEN: usize = 256 << 20;
 const FORGETTING: Duration = Duration::from_secs(2);
 const PAUSE: Duration = Duration::from_millis(250);
 
-/// The body of a request, at most `limit` bytes; `held` grows with it.
+/// The body of a request, at most `limit` bytes, and what to do where it has more; `held` grows with it.
 ///
 /// # Errors
 /// Too large, too slow, broken off, or no memory for it.
-pub async fn receive(request: Request<Incoming>, limit: usize, held: &mut Held) -> Result<Vec<u8>, Refusal> {
+pub async fn receive(
+    request: Request<Incoming>,
+    (limit, way_out): (usize, &str),
+    held: &mut Held,
+) -> Result<Vec<u8>, Refusal> {
     let length = request.headers().get(CONTENT_LENGTH).and_then(|v| v.to_str().ok()?.parse::<u64>().ok());
     let start = Instant::now();
     let mut body = request.into_body();
     if length.is_some_and(|n| n > limit as u64) {
-        return Err(too_large(body, limit).await);
+        return Err(too_large(body, limit, way_out).await);
     }
     let mut bytes = Vec::new();
     loop {
@@ -37,7 +41,7 @@ pub async fn receive(request: Request<Incoming>, limit: usize, held: &mut Held) 
         let frame = frame.map_err(|e| Refusal::new(400, "bad_body", format!("the body broke off: {e}")))?;
         let Ok(data) = frame.into_data() else { continue };
         if bytes.len() + data.len() > limit {
-            return Err(too_large(body, limit).await);
+            return Err(too_large(body, limit, way_out).await);
         }
         if bytes.len() + data.len() > bytes.capacity() {
             // Doubled, as a vector grows by itself, but asked for first.
@@ -50,7 +54,7 @@ pub async fn receive(request: Request<Incoming>, limit: usize, held: &mut Held) 
 }
 
 /// Takes in, and forgets, some of what is left: a client that writes all before it reads would never see the answer.
-async fn too_large(mut body: Incoming, limit: usize) -> Refusal {
+async fn too_large(mut body: Incoming, limit: usize, way_out: &str) -> Refusal {
     let end = Instant::now() + FORGETTING;
     let mut left = FORGOTTEN;
     while left > 0 {
@@ -58,7 +62,7 @@ async fn too_large(mut body: Incoming, limit: usize) -> Refusal {
         let Ok(Some(Ok(frame))) = timeout_at(pause, body.frame()).await else { break };
         left = left.saturating_sub(frame.data_ref().map_or(0, |data| data.len()));
     }
-    let message = format!("the body is larger than {} MiB: send fewer points, or thin them", limit >> 20);
+    let message = format!("the body is larger than {} MiB: {way_out}", limit >> 20);
     Refusal::new(413, "too_large", message)
 }
 

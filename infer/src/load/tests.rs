@@ -142,7 +142,8 @@ fn one_pose_of_several_is_asked_for_by_name_or_number() {
     let path = dir.path().join("poses.log");
     let matrix = |z: i32| format!("1 0 0 0\n0 1 0 0\n0 0 1 {z}\n0 0 0 1\n");
     std::fs::write(&path, format!("5 5 6\n{}6 6 7\n{}", matrix(3), matrix(4))).expect("written");
-    let at = |suffix: &str| read_pose(&format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
+    let at =
+        |suffix: &str| read_pose("--pose", &format!("{}{suffix}", path.display())).map(|(pose, _)| pose.translation.z);
     assert_eq!((at(":5").ok(), at(":6").ok(), at(":06").ok()), (Some(3.0), Some(4.0), Some(4.0)));
     let several = format!("{:#}", at("").expect_err("which?"));
     assert!(several.contains("found 2 poses") && several.contains("such as ") && several.contains("poses.log:5"));
@@ -182,7 +183,8 @@ fn a_pose_is_asked_for_by_the_name_of_its_image() {
         format!("\"{key}\": {{\"cam_R_w2c\": [1, 0, 0, 0, 1, 0, 0, 0, 1], \"cam_t_w2c\": [0, 0, -{mm}]}}")
     };
     std::fs::write(&path, format!("{{{}, {}}}", of("1", 3000), of("2", 4000))).expect("written");
-    let at = |wanted: &str| read_pose(&format!("{}:{wanted}", path.display())).map(|(pose, _)| pose.translation.z);
+    let at =
+        |wanted: &str| read_pose("--pose", &format!("{}:{wanted}", path.display())).map(|(pose, _)| pose.translation.z);
     for (wanted, z) in [("1", 3.0), ("000001", 3.0), ("000001.png", 3.0), ("depth/000002.png", 4.0)] {
         assert!((at(wanted).expect(wanted) - z).abs() < 1e-9, "{wanted}");
     }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct Told {
     /// What there is to say of how it was read.
     pub notes: Vec<String>,
-    /// The pose of the camera of an organised cloud, metres.
+    /// The pose of the camera of a depth image or an organised cloud, metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub world_from_camera: Option<Isometry3<f64>>,
 }

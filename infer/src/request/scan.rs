@@ -7,7 +7,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use geometry::{Lens, PointCloud};
 use nalgebra::{Point3, Vector3};
-use planning::pose::from_quaternion;
+use planning::pose::{from_quaternion, rigid};
 use planning::scan::FARTHEST_M;
 use planning::{NoReturn, Reading, Scan};
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
@@ -309,9 +309,11 @@ impl DepthRequest<'_> {
         if pixels > PIXELS {
             return Err(Refusal::new(413, "too_large", format!("{pixels} pixels, at most {PIXELS} are taken")));
         }
-        let world_from_camera = match (self.world_from_camera, self.quaternion_xyzw, self.translation_m) {
-            (Some(matrix), None, None) => load::rigid(&matrix).map_err(bad)?,
-            (None, Some(quaternion), Some(translation)) => from_quaternion(quaternion, translation).map_err(bad)?,
+        let (world_from_camera, off) = match (self.world_from_camera, self.quaternion_xyzw, self.translation_m) {
+            (Some(matrix), None, None) => rigid(&matrix).map_err(bad)?,
+            (None, Some(quaternion), Some(translation)) => {
+                (from_quaternion(quaternion, translation).map_err(bad)?, 0.0)
+            }
             _ => return Err(bad("give world_from_camera, or quaternion_xyzw and translation_m".to_owned())),
         };
         if is_far(&world_from_camera.translation.vector) {
@@ -324,7 +326,10 @@ impl DepthRequest<'_> {
         };
         let lens = lens.map_err(|found| bad(format!("distortion: found {found}")))?;
         let camera = DepthCamera { intrinsics: self.intrinsics, lens, size: None, metres_per_unit: None };
-        load::from_depth_file(file, &camera, world_from_camera, misses).map_err(|e| bad(format!("{e:#}")))
+        let loaded = load::from_depth_file(file, &camera, world_from_camera, misses);
+        let mut loaded = loaded.map_err(|e| bad(format!("{e:#}")))?;
+        loaded.reading.notes.extend(load::off_rotation(off));
+        Ok(loaded)
     }
 }
 

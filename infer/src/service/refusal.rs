@@ -38,6 +38,14 @@ impl Refusal {
         Self::new(503, "busy", "other requests were served until this request's deadline passed: try again")
     }
 
+    /// The time was spent on reading the session from disk, which is not done yet.
+    pub fn loading(read: usize, scans: usize) -> Self {
+        let message = format!(
+            "{read} of the session's {scans} scans have been read from disk so far: repeat the request, which goes on from there"
+        );
+        Self::new(503, "loading", message)
+    }
+
     /// A fault of the service's own.
     pub fn internal() -> Self {
         Self::new(500, "internal", "this request failed inside the service; others are not affected")

@@ -13,7 +13,7 @@ mod error;
 
 use super::answers::Kept;
 use crate::load::Told;
-use error::{damaged, io};
+use error::{damaged, io, unreadable};
 use formats::checksum;
 use formats::config::to_toml;
 use formats::lock::{Lock, try_lock};
@@ -126,6 +126,12 @@ struct ScanHead {
     told: Option<Told>,
 }
 
+/// What files of every version say.
+#[derive(Deserialize)]
+struct Versioned {
+    version: u32,
+}
+
 fn version(path: &Path, found: u32, sealed: bool) -> Result<(), StoreError> {
     match (found, sealed) {
         (VERSION, true) => Ok(()),
@@ -160,15 +166,16 @@ fn size(path: &Path) -> Result<u64, StoreError> {
     if about.is_file() { Ok(about.len()) } else { Err(damaged(path, "not a regular file")) }
 }
 
-fn read_toml<T: DeserializeOwned>(path: &Path, version_of: fn(&T) -> u32) -> Result<T, StoreError> {
+fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
     let size = size(path)?;
     if size > RECORD {
         return Err(damaged(path, format!("{} MiB, and no such file is larger than {}", size >> 20, RECORD >> 20)));
     }
     let text = fs::read_to_string(path).map_err(io(path))?;
     let sealed = is_sealed(path, text.as_bytes(), SEAL)?;
-    let read = toml::from_str(&text).map_err(|e| damaged(path, e))?;
-    version(path, version_of(&read), sealed).map(|()| read)
+    let Versioned { version: found } = toml::from_str(&text).map_err(|e| damaged(path, e))?;
+    version(path, found, sealed)?;
+    toml::from_str(&text).map_err(|e| unreadable(path, sealed, e))
 }
 
 impl Store {
@@ -183,9 +190,9 @@ impl Store {
         let mut state = State::default();
         let mut forgotten = false;
         if fs::exists(&at).map_err(io(&at))? {
-            match read_toml(&at, |state: &State| state.version) {
+            match read_toml(&at) {
                 Ok(read) => state = read,
-                Err(error @ StoreError::Version { .. }) => return Err(error),
+                Err(error @ (StoreError::Version { .. } | StoreError::Foreign { .. })) => return Err(error),
                 Err(error) => {
                     tracing::warn!("{error}; new sessions get names that no older one can have had");
                     forgotten = true;
@@ -274,7 +281,7 @@ impl Store {
     /// # Errors
     /// It cannot be read.
     pub fn record(&self, id: u64) -> Result<Record, StoreError> {
-        read_toml(&self.record_path(id), |record: &Record| record.version)
+        read_toml(&self.record_path(id))
     }
 
     /// Bytes of a scan with its settings, of a body of at most `body`.
@@ -299,15 +306,16 @@ impl Store {
         let text = fs::read(&path).map_err(io(&path))?;
         let sealed = is_sealed(&path, &text, SCAN_SEAL)?;
         let end = text.iter().position(|b| *b == b'\n').ok_or_else(|| damaged(&path, "no first line"))?;
-        let head: ScanHead = serde_json::from_slice(&text[..end]).map_err(|e| damaged(&path, e))?;
-        version(&path, head.version, sealed)?;
-        let config = toml::from_str(&head.config).map_err(|e| damaged(&path, e))?;
+        let Versioned { version: found } = serde_json::from_slice(&text[..end]).map_err(|e| damaged(&path, e))?;
+        version(&path, found, sealed)?;
+        let head: ScanHead = serde_json::from_slice(&text[..end]).map_err(|e| unreadable(&path, sealed, e))?;
+        let config = toml::from_str(&head.config).map_err(|e| unreadable(&path, sealed, e))?;
         Ok((config, Written { line: head.line, bytes: text[end + 1..].to_vec(), told: head.told }))
     }
 
     /// What is wrong with a scan that was read and is refused.
     pub fn refused(&self, id: u64, number: usize, why: impl ToString) -> StoreError {
-        damaged(&self.scan_path(id, number), why)
+        unreadable(&self.scan_path(id, number), true, why)
     }
 
     /// Ends a session together with the answer to who asked for that, the last of `answers`; `last` is the last name that was given.

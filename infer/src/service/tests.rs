@@ -6,6 +6,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
 use std::thread;
+use std::time::Duration;
 
 fn sheet() -> Vec<u8> {
     let point = |i: u32| [f64::from(i % 30) * 0.004, f64::from(i / 30) * 0.004, f64::from(i % 7) * 0.001];
@@ -68,6 +69,41 @@ fn a_file_is_refused_that_would_be_too_large_for_the_session_to_be_read_again() 
     drop(service);
     let next = direct::answer(&start(), Method::NextView, Some("1"), Body::Whole(b""), None);
     assert_eq!(next.expect("read again").status, 200);
+}
+
+#[test]
+fn a_session_is_read_over_several_requests_where_one_has_too_little_time() {
+    let place = tempfile::tempdir().expect("a folder");
+    let start = || {
+        let service = Service::new(SessionConfig::default(), None, ServiceConfig::default());
+        service.keeping_state(place.path()).expect("a folder")
+    };
+    let service = start();
+    service.create(CreateRequest::default(), None).expect("created");
+    for _ in 0..3 {
+        direct::answer(&service, Method::AddScan, Some("1"), Body::Whole(&sheet()), None).expect("added");
+    }
+    let export = |service: &Service, patience: &Patience| {
+        let entry = service.entry(Some("1"))?;
+        let mut open = entry.open.blocking_lock();
+        let ask = Ask::parse(Method::Export, Body::Whole(b""), false, true)?;
+        service.work(&entry, &mut open, ask, None, patience, service.memory().nothing())
+    };
+    let expected = export(&service, &service.patience()).expect("an export");
+    drop(service);
+    let service = start();
+    let none = Patience::new(Duration::ZERO, &service.halted);
+    for read in 1..3 {
+        let late = export(&service, &none).expect_err("there is more to read");
+        assert_eq!((late.status, late.code), (503, "loading"));
+        assert!(late.message.starts_with(&format!("{read} of the session's 3 scans")), "{}", late.message);
+        let list = String::from_utf8_lossy(&service.list().expect("a list").body).into_owned();
+        assert!(list.contains(r#""scans":3"#), "those on disk count: {list}");
+    }
+    let gone = Patience::new(Duration::from_secs(60), &service.halted);
+    gone.gone.set();
+    assert_eq!(export(&service, &gone).expect_err("nobody waits").code, "stopping");
+    assert_eq!(export(&service, &none).expect("read to its end"), expected);
 }
 
 /// Adds the names of all fields in it.

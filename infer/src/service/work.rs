@@ -12,7 +12,7 @@ use crate::request::{Ask, Body, NextRequest, over};
 use nalgebra::Point3;
 use planning::scan::{FARTHEST_M, Scan};
 use planning::session::Request;
-use planning::{Budget, Network, Session, SessionConfig, SessionError};
+use planning::{Budget, Network, Session, SessionConfig, SessionError, Stopped};
 use serde::Serialize;
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -29,8 +29,8 @@ pub struct Open {
     answers: Answers,
     /// To the request that created it.
     created: Option<Kept>,
-    /// What is on disk counts, and has to be read before anything is asked of the session.
-    unread: bool,
+    /// Where what is on disk counts, and has to be read before anything is asked of the session: how many of its scans have been.
+    unread: Option<usize>,
     /// It is gone: whoever waited for it is told so.
     ended: bool,
 }
@@ -43,7 +43,7 @@ impl Open {
     pub fn empty(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
         let session = Session::new(config, network)?;
         let (held, answers) = (memory.nothing(), Answers::default());
-        let mut open = Self { session, held, answers, created: None, unread: false, ended: false };
+        let mut open = Self { session, held, answers, created: None, unread: None, ended: false };
         open.held.resize(open.memory())?;
         Ok(open)
     }
@@ -55,7 +55,7 @@ impl Open {
     pub fn on_disk(config: SessionConfig, network: Option<Network>, memory: &Memory) -> Result<Self, Refusal> {
         let session = Session::new(config, network)?;
         let (held, answers) = (memory.nothing(), Answers::default());
-        Ok(Self { session, held, answers, created: None, unread: true, ended: false })
+        Ok(Self { session, held, answers, created: None, unread: Some(0), ended: false })
     }
 
     /// The same with the answer to the request that created it, where that has a key.
@@ -122,7 +122,7 @@ impl Service {
             tracing::debug!("an answer made a session grow beyond the available memory");
         }
         // As long as it cannot be read, those on disk count.
-        if !open.unread {
+        if open.unread.is_none() {
             entry.scans.store(open.session.num_scans(), Ordering::Relaxed);
         }
         entry.bytes.store(bytes, Ordering::Relaxed);
@@ -139,7 +139,7 @@ impl Service {
         key: Option<Key>,
         patience: &Patience,
     ) -> Result<Reply, Refusal> {
-        self.be_current(id, open)?;
+        self.be_current(id, open, patience)?;
         if let Some(known) = open.answers.find(key.as_ref()) {
             return known;
         }
@@ -168,7 +168,7 @@ impl Service {
         if let Some(store) = self.store.as_ref().filter(|_| rejected || (changed && answer.is_ok())) {
             let scan = written.as_ref().filter(|_| !rejected);
             // What cannot be written is not done: the session is read anew, as it was.
-            store.write(id, &open.record(), scan).inspect_err(|_| open.unread = true)?;
+            store.write(id, &open.record(), scan).inspect_err(|_| open.unread = Some(0))?;
         }
         answer
     }
@@ -266,11 +266,13 @@ impl Service {
         }
     }
 
-    /// Reads a session that has not been read, or could not be written.
-    fn be_current(&self, id: u64, open: &mut Open) -> Result<(), Refusal> {
-        let Some(store) = self.store.as_ref().filter(|_| open.unread) else { return Ok(()) };
-        let read = read_back(store, id, open, self.limits.body());
-        if read.is_err() {
+    /// Reads a session that has not been read, or could not be written. Where time runs out, the next request goes on from there.
+    fn be_current(&self, id: u64, open: &mut Open, patience: &Patience) -> Result<(), Refusal> {
+        let (Some(store), Some(before)) = (&self.store, open.unread) else { return Ok(()) };
+        // Whatever ends it, it is read anew, unless it was time.
+        open.unread = Some(0);
+        let read = read_back(store, id, open, before, self.limits.body(), &patience.budget(OnDeadline::Error));
+        if read.is_err() && open.unread == Some(0) {
             open.session.reset();
             open.held.shrink(open.memory());
         }
@@ -278,12 +280,31 @@ impl Service {
     }
 }
 
-/// The session as it is on disk, whose scans came in bodies of at most `most` bytes: nothing is read before there is memory for it.
-fn read_back(store: &Store, id: u64, open: &mut Open, most: usize) -> Result<(), Refusal> {
-    open.session.reset();
+/// The session as it is on disk, of which the scans `before` have been read, and whose scans came in bodies of at most `most` bytes: nothing
+/// is read before there is memory for it. At least one scan is read, so that repeated requests come to the end.
+fn read_back(
+    store: &Store,
+    id: u64,
+    open: &mut Open,
+    before: usize,
+    most: usize,
+    budget: &Budget,
+) -> Result<(), Refusal> {
+    if before == 0 {
+        open.session.reset();
+    }
     open.held.cover(open.memory())?;
     let record = store.record(id)?;
-    for number in 1..=record.scans {
+    for number in before + 1..=record.scans {
+        let ended = match budget.allows(false) {
+            Err(Stopped::Late) if number > before + 1 => Some(Refusal::loading(number - 1, record.scans)),
+            Err(Stopped::Cancelled) => Some(Refusal::stopping()),
+            _ => None,
+        };
+        if let Some(refusal) = ended {
+            open.unread = Some(number - 1);
+            return Err(refusal);
+        }
         let reading = super::reading(Method::AddScan, store.scan_size(id, number, most)?);
         open.held.cover(open.memory() + reading)?;
         let (config, Written { line, bytes, told }) = store.scan(id, number)?;
@@ -306,7 +327,7 @@ fn read_back(store: &Store, id: u64, open: &mut Open, most: usize) -> Result<(),
     open.session.set_rejected_from(record.rejected_from_m.into_iter().map(Point3::from).collect());
     open.answers = Answers::from_disk(record.answers);
     open.created = record.created;
-    open.unread = false;
+    open.unread = None;
     Ok(())
 }
 

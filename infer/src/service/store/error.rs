@@ -47,6 +47,14 @@ pub enum StoreError {
         /// Its version.
         found: u32,
     },
+    /// Not as it is written here, though it is as it was written.
+    #[error("{path:?}: {reason}: another version of infer wrote it: use that one, or another folder")]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What is not known here.
+        reason: String,
+    },
     /// It cannot be written, or is not what was written.
     #[error(transparent)]
     Write(#[from] FormatError),
@@ -76,5 +84,17 @@ pub(super) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> StoreError {
 
 /// A file that is not as it was written, on one line.
 pub(super) fn damaged(path: &Path, reason: impl ToString) -> StoreError {
-    StoreError::Damaged { path: path.to_owned(), reason: reason.to_string().trim_end().replace('\n', " ") }
+    StoreError::Damaged { path: path.to_owned(), reason: one_line(reason) }
+}
+
+/// A file that is not understood: where its checksum is right, nothing is wrong with it.
+pub(super) fn unreadable(path: &Path, sealed: bool, reason: impl ToString) -> StoreError {
+    match sealed {
+        true => StoreError::Foreign { path: path.to_owned(), reason: one_line(reason) },
+        false => damaged(path, reason),
+    }
+}
+
+fn one_line(reason: impl ToString) -> String {
+    reason.to_string().trim_end().replace('\n', " ")
 }

@@ -103,6 +103,41 @@ fn damage_is_told_with_its_file() {
 }
 
 #[test]
+fn what_another_version_wrote_is_not_called_damaged_nor_replaced() {
+    let (place, store) = with_a_session();
+    let scan = Written { line: false, bytes: b"{}".to_vec(), told: None };
+    store.write(1, &Record::new(1, Vec::new(), &SessionConfig::default()), Some(&scan)).expect("written");
+    drop(store);
+    let foreign = |error: StoreError, name: &str, key: &str| {
+        let told = error.to_string();
+        assert!(
+            told.contains(name) && told.contains(key) && told.contains("another version of infer wrote it"),
+            "{told}"
+        );
+        assert!(!told.contains("delete"), "{told}");
+    };
+    // Sealed as it is written by a program that knows more.
+    let rewrite = |name: &str, key: &[u8], change: &dyn Fn(String) -> String| {
+        let path = place.path().join(name);
+        let mut bytes = change(fs::read_to_string(&path).expect("there")).into_bytes();
+        checksum::seal(&mut bytes, key);
+        fs::write(&path, bytes).expect("written");
+    };
+    rewrite("1/scan-0001", SCAN_SEAL, &|text| text.replace("\"line\"", "\"colour\":1,\"line\""));
+    rewrite("1/session.toml", SEAL, &|text| text.replace("scans = 1", "scans = 1\nnewer = 2"));
+    let (store, Found { mut sessions, .. }) = Store::open(place.path()).expect("the folder");
+    foreign(sessions.remove(0).1.expect_err("unknown"), "session.toml", "newer");
+    foreign(store.scan(1, 1).expect_err("unknown"), "scan-0001", "colour");
+    foreign(store.refused(1, 1, "unknown field `x`"), "scan-0001", "`x`");
+    drop(store);
+    rewrite("state.toml", SEAL, &|text| text + "newer = 2\n");
+    foreign(Store::open(place.path()).err().expect("not replaced"), "state.toml", "newer");
+    rewrite("state.toml", SEAL, &|text| text.replace("version = 2", "version = 3"));
+    let version = Store::open(place.path()).err().expect("of another version").to_string();
+    assert!(version.contains("version 3, expected 2"), "before what it does not know: {version}");
+}
+
+#[test]
 fn every_flipped_bit_and_every_lost_end_is_noticed() {
     let place = tempfile::tempdir().expect("a folder");
     let (store, _) = Store::open(place.path()).expect("a new one");
